@@ -96,15 +96,13 @@ def deviations(one: Rig) -> dict[tuple[str, bool], tuple[float, float, float]]:
     not determined; by constant and whether R, J, K_s were known exactly.
     """
     result = identify_transfer(one.logs, model=NOMINAL, structures=[Structure(3, 0, True)])
-    fit = result.chosen.fit
-    assert fit
     found = {}
     nominal = {name: NOMINAL.values[name] for name in GREY_BOX.known}
     errors = {name: KNOWN_TO * value for name, value in nominal.items()}
     for exact, known in ((True, one.truth), (False, nominal)):
         spread = {} if exact else errors
         found_constants = physical_constants(
-            GREY_BOX, fit.coefficients, known, fit.covariance, spread
+            GREY_BOX, result.chosen.function.coefficients, known, result.chosen.covariance, spread
         )
         for name, constant in found_constants.constants.items():
             if name == GREY_BOX.delay and not exact:

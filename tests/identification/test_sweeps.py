@@ -114,8 +114,8 @@ def test_two_sweeps_of_one_file_count_each_for_itself(sweep_file: Path) -> None:
     shapes = [Structure(2, 0, True), Structure(3, 0, True)]
     found = identify_transfer([], [first, second], model=MOTOR, structures=shapes)
     assert found.chosen.name == str(shapes[1])
-    score = found.chosen.score
-    assert len(score.errors[first.name]) == len(score.held_out_errors[second.name]) > 0
+    chosen = found.chosen
+    assert len(chosen.errors[first.name]) == len(chosen.held_out_errors[second.name]) > 0
 
 
 def test_a_sweep_of_another_output_is_said_to_be_left_out(sweep_file: Path) -> None:

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -33,10 +30,16 @@ class Structure:
         """Number of free coefficients, the delay included."""
         return self.poles + self.zeros + 1 + self.delay
 
+    def function(self, coefficients: Array) -> TransferFunction:
+        """Return the function with these ``coefficients``, in their order there."""
+        top, bottom, delay = np.split(coefficients, [self.zeros + 1, self.size - self.delay])
+        return TransferFunction.of(top, [1.0, *bottom], delay.sum())
+
 
 STRUCTURES = tuple(
     Structure(poles, zeros, delay)
-    for poles, delay in itertools.product(range(1, 6), (False, True))
+    for poles in range(1, 6)
+    for delay in (False, True)
     for zeros in range(poles)
 )
 """First to fifth order with any number of zeros, without and with delay."""
@@ -44,7 +47,7 @@ STRUCTURES = tuple(
 
 @dataclass(frozen=True)
 class TransferFunction:
-    """G(s) = exp(-delay s) numerator(s) / denominator(s).
+    """G(s) = exp(-delay s) numerator(s) / denominator(s); ``str`` writes it so.
 
     Attributes:
         numerator, denominator: coefficients, highest power of s first, in SI (s in 1/s);
@@ -62,47 +65,34 @@ class TransferFunction:
     ) -> TransferFunction:
         """Make one of any coefficients, highest power first; the denominator becomes monic."""
         top, bottom = (np.atleast_1d(np.asarray(c, dtype=float)) for c in (numerator, denominator))
-        lead = bottom[0]
-        return cls(tuple(map(float, top / lead)), tuple(map(float, bottom / lead)), float(delay))
+        monic = (top / bottom[0]).tolist(), (bottom / bottom[0]).tolist()
+        return cls(tuple(monic[0]), tuple(monic[1]), float(delay))
 
     @property
     def structure(self) -> Structure:
         return Structure(len(self.denominator) - 1, len(self.numerator) - 1, self.delay > 0.0)
 
-    @cached_property
-    def rational(self) -> Any:
-        """A ``control.TransferFunction``: all but the delay, which has none there."""
-        import control
+    @property
+    def coefficients(self) -> Array:
+        """Numerator, denominator without its leading 1, and the delay if there is one."""
+        delay = (self.delay,) if self.delay > 0.0 else ()
+        return np.array([*self.numerator, *self.denominator[1:], *delay])
 
-        return control.tf(self.numerator, self.denominator)
-
-    @cached_property
+    @property
     def poles(self) -> Complex:
         """Roots of the denominator [1/s]."""
-        return np.asarray(self.rational.poles(), dtype=complex)
+        return np.roots(self.denominator).astype(complex)
 
-    @cached_property
+    @property
     def zeros(self) -> Complex:
         """Roots of the numerator [1/s]."""
-        return np.asarray(self.rational.zeros(), dtype=complex)
+        return np.roots(self.numerator).astype(complex)
 
     def response(self, frequencies: ArrayLike) -> Complex:
         """Return G(j w), complex, at ``frequencies`` [rad/s]."""
         s = 1j * np.asarray(frequencies, dtype=float)
-        return np.asarray(self.rational(s) * np.exp(-s * self.delay), dtype=complex)
-
-    def phase(self, frequencies: ArrayLike) -> Array:
-        """Return the phase [rad] at ``frequencies`` [rad/s], without jumps of a turn."""
-        w = np.atleast_1d(np.asarray(frequencies, dtype=float))
-        zeros, poles = (np.angle(1j * w[:, None] - r).sum(axis=1) for r in (self.zeros, self.poles))
-        start = float(np.angle(self.numerator[0]) + np.angle(0.0 - self.zeros).sum())
-        return np.asarray(
-            np.angle(self.numerator[0])
-            + zeros
-            - poles
-            - w * self.delay
-            - 2.0 * np.pi * round(start / (2.0 * np.pi))
-        )
+        ratio = np.polyval(self.numerator, s) / np.polyval(self.denominator, s)
+        return np.asarray(ratio * np.exp(-s * self.delay), dtype=complex)
 
     def __str__(self) -> str:
         top, bottom = _polynomial(self.numerator), _polynomial(self.denominator)
@@ -112,14 +102,12 @@ class TransferFunction:
 
 
 def _polynomial(coefficients: tuple[float, ...]) -> str:
-    """``s^2 + 372 s + 1537600``, five digits each."""
-    degree = len(coefficients) - 1
+    """``s^2 + 372 s + 1.5376e+06``, six digits each."""
     text = ""
-    for k, value in enumerate(coefficients):
-        power = degree - k
+    for power, value in zip(range(len(coefficients))[::-1], coefficients):
         variable = {0: "", 1: "s"}.get(power, f"s^{power}")
         number = f"{abs(value):.6g}"
         size = variable if variable and number == "1" else f"{number} {variable}".strip()
         sign = "-" if value < 0.0 else "+"
-        text += f" {sign} {size}" if text else ("-" if value < 0.0 else "") + size
+        text += f" {sign} {size}" if text else f"{sign} {size}".replace("+ ", "").replace("- ", "-")
     return text

@@ -7,20 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from servo_models.core.plant import Wire, unknown
+from servo_models.core.plant import GreyBox, Wire, unknown
 from servo_models.core.simulate import Model
 from servo_models.data.log import Log
 from servo_models.errors import UserError
 from servo_models.identification.grey_box import Constant, PhysicalConstants, physical_constants
 from servo_models.identification.result import Doubt
-from servo_models.identification.transfer.choose import (
-    Candidate,
-    choose,
-    score,
-    warnings,
-    with_criteria,
-)
-from servo_models.identification.transfer.fit import Fit, fit
+from servo_models.identification.transfer.choose import Candidate, choose, warnings
+from servo_models.identification.transfer.fit import fit
 from servo_models.identification.transfer.functions import STRUCTURES, Structure, TransferFunction
 from servo_models.identification.transfer.measurements import (
     Measurement,
@@ -29,10 +23,6 @@ from servo_models.identification.transfer.measurements import (
     Sweep,
 )
 from servo_models.report.result import Result
-
-INTERRUPTED = Doubt(
-    "interrupted: larger structures were not tried; the best of the others is chosen"
-)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -88,66 +78,55 @@ def identify_transfer(
     Raises:
         UserError: an unknown signal, no data of it, or no structure that is fit for use.
     """
-    ends = _wires(model, source, output)
-    measurements = _measurements(logs, sweeps, ends)
-    longest = max((float(e.times[-1]) for e in measurements if isinstance(e, Record)), default=None)
-    used = [data for data in measurements if data.fitted.any()]
-    fits, interrupted = _fits(structures, used, progress)
-    tried = [Candidate(n, f, None, score(f, measurements)) for n, f in (given or {}).items()]
-    tried += [
-        Candidate(str(f.structure), f.function, f, score(f.function, measurements)) for f in fits
-    ]
-    judged = choose(with_criteria(tried, measurements), longest)
-    chosen = next(c for c in judged if not c.reason)
-    constants, vague = _grey_box(model, ends, judged, chosen, known_errors)
-    warned = (
-        *((INTERRUPTED,) if interrupted else ()),
-        *_left_out(sweeps, ends),
-        *warnings(chosen, judged, longest),
-        *vague,
-        *(constants.warnings if constants else ()),
-    )
-    return TransferResult(
-        *ends, tuple(measurements), tuple(judged), chosen, constants, warned, interrupted
-    )
-
-
-def _wires(model: Model, source: str | None, output: str | None) -> tuple[Wire, Wire]:
     plant, place = model.plant, f"actuator '{model.actuator.name}'"
     inputs = {wire.name: wire for wire in plant.inputs}
     outputs = {name: plant.wire[name] for name in plant.outputs}
-    first, last = source or model.actuator.step[0], output or plant.outputs[0]
-    if first not in inputs:
-        raise UserError(unknown("input", first, inputs, place))
-    if last not in outputs:
-        raise UserError(unknown("output", last, outputs, place))
-    return inputs[first], outputs[last]
-
-
-def _measurements(
-    logs: Sequence[Log], sweeps: Sequence[Sweep], ends: tuple[Wire, Wire]
-) -> list[Measurement]:
-    source, output = ends
-    rest = source.rest if isinstance(source.rest, float) else 0.0
-    measurements: list[Measurement] = [
-        Record.of(log, source.name, output.name, rest) for log in logs
-    ]
-    measurements += [s for s in sweeps if (s.source, s.output) == (source.name, output.name)]
+    source, output = source or model.actuator.step[0], output or plant.outputs[0]
+    if source not in inputs:
+        raise UserError(unknown("input", source, inputs, place))
+    if output not in outputs:
+        raise UserError(unknown("output", output, outputs, place))
+    rest = inputs[source].rest
+    rest = rest if isinstance(rest, float) else 0.0
+    measurements: list[Measurement] = [Record.of(log, source, output, rest) for log in logs]
+    measurements += [s for s in sweeps if (s.source, s.output) == (source, output)]
     if not any(data.fitted.any() for data in measurements):
         raise UserError(
-            f"nothing to fit from '{source.name}' to '{output.name}': give a log or a sweep of"
-            " them that is not held out"
+            f"nothing to fit from '{source}' to '{output}': give a log or a sweep of them that is"
+            " not held out"
         )
-    return measurements
-
-
-def _left_out(sweeps: Sequence[Sweep], ends: tuple[Wire, Wire]) -> tuple[str, ...]:
-    source, output = (wire.name for wire in ends)
-    return tuple(
-        f"'{sweep.name}' is from '{sweep.source}' to '{sweep.output}', and is left out of what is"
-        f" fitted from '{source}' to '{output}'"
-        for sweep in sweeps
-        if (sweep.source, sweep.output) != (source, output)
+    longest = max((float(e.times[-1]) for e in measurements if isinstance(e, Record)), default=None)
+    used = [data for data in measurements if data.fitted.any()]
+    tried = [Candidate.of(n, f, None, measurements) for n, f in (given or {}).items()]
+    fits, interrupted = _fits(structures, used, progress)
+    tried += [Candidate.of(str(s), *fitted, measurements) for s, fitted in fits.items()]
+    candidates = choose(tried, measurements, longest)
+    chosen = next(c for c in candidates if not c.reason)
+    box = model.actuator.grey_box
+    constants, doubts = None, list[str]()
+    if box and (box.source, box.output) == (source, output):
+        constants, doubts = _constants(model, box, candidates, chosen, known_errors)
+    told = "interrupted: larger structures were not tried; the best of the others is chosen"
+    return TransferResult(
+        inputs[source],
+        outputs[output],
+        tuple(measurements),
+        tuple(candidates),
+        chosen,
+        constants,
+        warnings=(
+            *[Doubt(told)] * interrupted,
+            *(
+                f"'{sweep.name}' is from '{sweep.source}' to '{sweep.output}', and is left out of"
+                f" what is fitted from '{source}' to '{output}'"
+                for sweep in sweeps
+                if (sweep.source, sweep.output) != (source, output)
+            ),
+            *warnings(chosen, candidates, longest),
+            *doubts,
+            *(constants.warnings if constants else ()),
+        ),
+        interrupted=interrupted,
     )
 
 
@@ -155,99 +134,70 @@ def _fits(
     structures: Iterable[Structure],
     measurements: Measurements,
     progress: Callable[[str], None],
-) -> tuple[list[Fit], bool]:
+) -> tuple[dict[Structure, tuple[TransferFunction, np.ndarray]], bool]:
     """Fit every structure, the small ones first since they are starts of the larger ones.
 
     Whoever interrupts gets those that are done, and True.
     """
     rows = min(int(np.sum(data.fitted)) for data in measurements)
-    done: dict[Structure, Fit] = {}
+    done: dict[Structure, tuple[TransferFunction, np.ndarray]] = {}
     for structure in sorted(structures, key=lambda s: (s.poles, s.delay, s.zeros)):
         if structure.size >= rows:
             continue
-        smaller = [done[s].function for s in _parents(structure) if s in done]
+        n, m = structure.poles, structure.zeros
+        parents = [replace(structure, poles=n - 1), replace(structure, zeros=m - 1)]
+        parents += [replace(structure, delay=False)] if structure.delay else []
         try:
             progress(str(structure))
+            smaller = [done[parent][0] for parent in parents if parent in done]
             fitted = fit(structure, measurements, smaller)
         except KeyboardInterrupt:
             if not done:
                 raise
-            return list(done.values()), True
+            return done, True
         if fitted:
             done[structure] = fitted
-    return list(done.values()), False
+    return done, False
 
 
-def _parents(structure: Structure) -> tuple[Structure, ...]:
-    n, m = structure.poles, structure.zeros
-    parents = [replace(structure, poles=n - 1), replace(structure, zeros=m - 1)]
-    if structure.delay:
-        parents.append(replace(structure, delay=False))
-    return tuple(p for p in parents if p.zeros >= 0)
-
-
-def _grey_box(
+def _constants(
     model: Model,
-    ends: tuple[Wire, Wire],
+    box: GreyBox,
     candidates: Sequence[Candidate],
     chosen: Candidate,
     known_errors: Mapping[str, float] | None,
-) -> tuple[PhysicalConstants | None, tuple[str, ...]]:
-    """Constants from the candidate that the actuator's grey box solves, chosen or not; and what
-    to say of it."""
-    box = model.actuator.grey_box
-    if not box or (box.source, box.output) != tuple(wire.name for wire in ends):
-        return None, ()
-    order = box.poles
-    shaped = [c for c in candidates if c.fit and _all_pole(c.function.structure, order)]
+) -> tuple[PhysicalConstants | None, list[str]]:
+    """Constants from the candidate that the grey box solves, chosen or not, within the bounds of
+    the actuator; and what to say of them."""
+    fitted = [(c, c.function.structure) for c in candidates if c.covariance is not None]
+    shaped = [c for c, shape in fitted if (shape.poles, shape.zeros) == (box.poles, 0)]
     sound = [c for c in shaped if not c.fault]
     if not sound:
         faults = "; ".join(f"'{c.name}': {c.fault}" for c in shaped) or "none was asked for"
-        return None, (
-            f"no physical constants, since no function of order {order} will do ({faults})",
-        )
+        return None, [
+            f"no physical constants, since no function of order {box.poles} will do ({faults})"
+        ]
     taken = chosen if chosen in sound else min(sound, key=lambda c: c.bic)
-    assert taken.fit
-    physical, moved = _inside(
-        physical_constants(
-            box, taken.fit.coefficients, model.values, taken.fit.covariance, known_errors
-        ),
-        model,
-        box.delay,
+    physical = physical_constants(
+        box, taken.function.coefficients, model.values, taken.covariance, known_errors
     )
-    if taken is chosen:
-        return physical, moved
-    return physical, (
-        *moved,
-        f"the physical constants are those of '{taken.name}', which the data do not prefer:"
-        f" {taken.reason}",
-    )
-
-
-def _inside(
-    physical: PhysicalConstants, model: Model, delay: str
-) -> tuple[PhysicalConstants, tuple[str, ...]]:
-    """Constants that the actuator takes: no delay where the function has none, and those beyond
-    a bound on it, with what to say of these."""
-    known, constants = model.plant.parameters, dict(physical.constants)
-    texts: list[Doubt] = []
-    if model.values.get(delay):
-        constants.setdefault(delay, Constant(delay, 0.0, None))
+    constants, doubts = dict(physical.constants), list[str]()
+    if model.values.get(box.delay):  # of the variant, which would stay where the function has none
+        constants.setdefault(box.delay, Constant(box.delay, 0.0, None))
     for name, constant in constants.items():
-        low, high = known[name].param.low, known[name].param.high
-        if not low <= constant.value <= high:
-            value = min(max(constant.value, low), high)
+        param = model.plant.parameters[name].param
+        value = min(max(constant.value, param.low), param.high)
+        if value != constant.value:
             constants[name] = replace(constant, value=value, standard_error=None)
-            unit = known[name].param.unit
-            texts.append(
-                Doubt(
-                    f"'{name}' was found at {constant.value:.3g} {unit} and is taken as {value:g},"
-                    " on its bound: the constants no longer make this function; check those that"
-                    " are known"
-                )
+            text = (
+                f"'{name}' was found at {constant.value:.3g} {param.unit} and is taken as"
+                f" {value:g}, on its bound: the constants no longer make this function; check those"
+                " that are known"
             )
-    return replace(physical, constants=constants), tuple(texts)
-
-
-def _all_pole(structure: Structure, order: int) -> bool:
-    return (structure.poles, structure.zeros) == (order, 0)
+            doubts.append(Doubt(text))
+    if taken is not chosen:
+        doubts.append(
+            f"the physical constants are those of '{taken.name}', which the data do not prefer:"
+            f" {taken.reason}"
+        )
+    return replace(physical, constants=constants), doubts

@@ -20,8 +20,6 @@ from servo_models.identification.transfer.measurements import Sweep, check_signa
 from servo_models.units import exponents, factor, parse
 
 LEAST_POINTS = 4
-LEAST_SPREAD = 1e-4
-"""Relative error that a point has at least, so that no noise-free one outweighs all others."""
 
 
 class Frequency(Table):
@@ -112,13 +110,12 @@ def read_sweeps(
 
 def raw_records(document: Section) -> frozenset[str]:
     """Return the names of the logs that are records of a sweep, not of their own."""
-    tables = (_table(entry) for entry in document.sections("sweeps"))
-    raw = (table for table in tables if isinstance(table, RawSweep))
-    return frozenset(name for table in raw for name in table.logs)
+    raw = [entry for entry in document.sections("sweeps") if "logs" in entry]
+    return frozenset(name for entry in raw for name in entry.read(RawSweep).logs)
 
 
 def _read(section: Section, base: Path, plant: Plant, logs: Sequence[Log]) -> Sweep:
-    entry = _table(section)
+    entry = section.read(RawSweep) if "logs" in section else section.read(SweepTable)
     inputs = {wire.name: wire for wire in plant.inputs}
     outputs = {name: plant.wire[name] for name in plant.outputs}
     if entry.input not in inputs:
@@ -126,67 +123,62 @@ def _read(section: Section, base: Path, plant: Plant, logs: Sequence[Log]) -> Sw
     if entry.output not in outputs:
         section.fail("output", unknown("output", entry.output, outputs))
     if isinstance(entry, RawSweep):
-        return sweep_of_sines(_named(section, entry.logs, logs), entry.input, entry.output)
+        known = {log.name: log for log in logs}
+        for name in entry.logs:
+            if name not in known:
+                section.fail("logs", unknown("log", name, known))
+        _check_count(section, "logs", len(entry.logs), "records")
+        return sweep_of_sines([known[name] for name in entry.logs], entry.input, entry.output)
     columns = read_columns(base / entry.file, entry.table or None)
     frequencies = _frequencies(section, entry.frequency, columns)
-    if len(frequencies) < LEAST_POINTS:
-        section.fail("file", f"{len(frequencies)} points: a sweep needs {LEAST_POINTS} at least")
+    _check_count(section, "file", len(frequencies), "points")
     unit = f"({outputs[entry.output].unit})/({inputs[entry.input].unit})"
-    gain = _gain(section, entry.gain, columns, unit)
-    phase = _phase(section, entry.phase, columns)
+    phase = entry.phase.sign * columns.numbers(entry.phase.column)
+    phase *= _factor(section, "phase", entry.phase.unit, "rad")
     return Sweep(
         name=entry.file,
         source=entry.input,
         output=entry.output,
         frequencies=frequencies,
-        response=gain * np.exp(1j * phase),
+        response=_gain(section, entry.gain, columns, unit) * np.exp(1j * phase),
         spread=np.ones(len(frequencies)),
         held_out=np.full(len(frequencies), entry.held_out),
     )
 
 
-def _table(section: Section) -> SweepTable | RawSweep:
-    return section.read(RawSweep) if "logs" in section else section.read(SweepTable)
-
-
-def _named(section: Section, names: Sequence[str], logs: Sequence[Log]) -> list[Log]:
-    known = {log.name: log for log in logs}
-    for name in names:
-        if name not in known:
-            section.fail("logs", unknown("log", name, known))
-    if len(names) < LEAST_POINTS:
-        section.fail("logs", f"{len(names)} records: a sweep needs {LEAST_POINTS} at least")
-    return [known[name] for name in names]
+def _check_count(section: Section, key: str, count: int, what: str) -> None:
+    if count < LEAST_POINTS:
+        section.fail(key, f"{count} {what}: a sweep needs {LEAST_POINTS} at least")
 
 
 def _frequencies(section: Section, given: Frequency, columns: Columns) -> Array:
     """[rad/s]."""
     try:
         angular = "rad" in exponents(given.unit)[1]
-        scale = factor(given.unit, "rad/s") if angular else 2.0 * math.pi * factor(given.unit, "Hz")
     except UserError as error:
         section.fail("frequency.unit", error)
+    unit, size = ("rad/s", 1.0) if angular else ("Hz", 2.0 * math.pi)
+    scale = size * _factor(section, "frequency", given.unit, unit)
     return scale * _positive(columns, given.column, columns.numbers(given.column))
 
 
 def _gain(section: Section, given: Gain, columns: Columns, unit: str) -> Array:
     """SI output per SI input."""
     values = columns.numbers(given.column)
+    if given.unit != "dB":
+        scale = _factor(section, "gain", given.unit or unit, unit)
+        return _positive(columns, given.column, scale * values)
     try:
-        if given.unit == "dB":
-            return np.asarray(parse(given.reference, unit) * 10.0 ** (values / 20.0))
-        return _positive(columns, given.column, factor(given.unit or unit, unit) * values)
+        return np.asarray(parse(given.reference, unit) * 10.0 ** (values / 20.0))
     except UserError as error:
-        section.fail("gain.unit", error)
+        section.fail("gain.reference", error)
 
 
-def _phase(section: Section, given: Phase, columns: Columns) -> Array:
-    """[rad], lag negative."""
+def _factor(section: Section, key: str, unit: str, other: str) -> float:
     try:
-        scale = factor(given.unit, "rad")
+        return factor(unit, other)
     except UserError as error:
-        section.fail("phase.unit", error)
-    return given.sign * scale * columns.numbers(given.column)
+        section.fail(f"{key}.unit", error)
 
 
 def _positive(columns: Columns, column: str | int, values: Array) -> Array:
@@ -215,6 +207,7 @@ def sweep_of_sines(logs: Sequence[Log], source: str, output: str) -> Sweep:
 
 
 def _sine(log: Log, source: str, output: str) -> tuple[float, complex, float]:
+    """Frequency [rad/s], gain and relative standard error; no point outweighs all others."""
     from scipy.optimize import minimize_scalar
 
     check_signals(log, source, output)
@@ -241,4 +234,4 @@ def _sine(log: Log, source: str, output: str) -> tuple[float, complex, float]:
     answer, noise = fundamental(times, y, frequency)
     error = noise * math.sqrt(2.0 / len(times)) / abs(answer)
     held = hold(np.array([frequency]), step)[0]
-    return frequency, complex(answer / (drive * held)), max(error, LEAST_SPREAD)
+    return frequency, complex(answer / (drive * held)), max(error, 1e-4)
