@@ -16,7 +16,8 @@ from servo_models.data.parameters import EstimateTable, FigureTable, ParameterFi
 from servo_models.data.schema import Column, Number, Seconds, Section, Table, nested
 from servo_models.data.signals import LogTable, Signal
 from servo_models.errors import UserError
-from servo_models.identification.elements.tables import ElementTable, GearTable, Wish
+from servo_models.identification.elements.identify import ElementTable, GearTable
+from servo_models.identification.elements.loop import Wish
 from servo_models.identification.transfer.sweeps import RawSweep, SweepTable
 
 if sys.version_info >= (3, 11):

@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 from servo_models.analysis.compare import overshoot, settling_time, time_to
 from servo_models.core.simulate import model
 from servo_models.identification.elements import Loop, identify_elements
-from servo_models.identification.elements.estimate import Estimate, Figure
-from servo_models.identification.elements.lines import BENT, amplifier, potentiometer
+from servo_models.identification.elements.estimate import BENT, Estimate, Figure
+from servo_models.identification.elements.lines import amplifier, potentiometer
 from servo_models.identification.elements.loop import REACHED
 from servo_models.identification.elements.motor import NAMES, motor, motor_step
 from servo_models.report.style import figure

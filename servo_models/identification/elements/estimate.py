@@ -17,6 +17,7 @@ from servo_models.core.types import Array
 
 CONFIDENCE = 0.95
 FEWEST = 8  # residuals that show a bow or a correlation
+BENT = "straight pieces say too little, what they leave over is no chance"
 
 
 @dataclass(frozen=True)
@@ -105,7 +106,8 @@ class Fit:
 
     @property
     def freedom(self) -> int:
-        return len(self.residuals) - len(self.values)
+        """Rows less unknowns of which they tell."""
+        return len(self.residuals) - int(np.sum(np.any(self.slopes, axis=0)))
 
     @property
     def scatter(self) -> float:

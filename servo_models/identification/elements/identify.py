@@ -1,24 +1,62 @@
-"""Identify a servo element by element, put its loop together and choose its feedback."""
+"""Identify a servo element by element, put its loop together and choose its feedback.
+
+Tables of single elements as a description names them::
+
+    [elements.potentiometer]
+    file = "potentiometer.csv"                       # relative to the description
+    angle = { column = "angle_deg", unit = "deg" }   # columns as in [[logs]]
+    voltage = { column = "U_V", unit = "V" }
+    [elements.amplifier]                             # without load
+    file = "amplifier.csv"
+    input = { column = "U_in", unit = "V" }
+    output = { column = "U_out", unit = "V" }
+    [elements.amplifier_loaded]                      # with load; its gain is taken
+    [elements.motor]                                 # rows in the order they were taken in
+    file = "motor.csv"
+    voltage = { column = "U", unit = "V" }
+    speed = { column = "n", unit = "rpm" }
+    branch = "direction"                             # above 0 where the voltage goes away from
+                                                     # 0; without it the order tells
+    [elements.motor_step]                            # a step of voltage
+    file = "step.csv"
+    time = { column = "t", unit = "s" }
+    speed = { column = "n", unit = "rpm" }
+    voltage = { column = "U", unit = "V" }           # may be left out: no gain then
+    [elements.gears]
+    teeth = [[8, 48], [8, 32]]                       # driving and driven gear of each stage
+    [elements.synthesis]
+    band = "5 %"                                     # within which the servo counts as settled
+    overshoot = "5 %"                                # at most
+    k_f = [0.05, 0.1, 0.18]                          # further rows of the table
+
+Each may be left out: the actuator's variant, with ``[parameters]`` on top, has its value.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
+from typing import Annotated, Any, cast
 
-from servo_models.actuators.sg90.elements import LOOP, MADE_OF, TABLES
+import numpy as np
+from msgspec import Meta, defstruct
+
+from servo_models.actuators.sg90.elements import LOOP, MADE_OF, TABLES, Bench
 from servo_models.core.plant import check_bounds
 from servo_models.core.simulate import Model
+from servo_models.core.types import Array
 from servo_models.data.description import Description, read_description
-from servo_models.data.schema import Section
+from servo_models.data.readers import read_columns
+from servo_models.data.schema import Column, Section, Table
+from servo_models.data.signals import Signal, check_size, in_si, map_signal
 from servo_models.errors import UserError
 from servo_models.identification.elements.estimate import Estimate, Figure
 from servo_models.identification.elements.lines import amplifier, potentiometer
-from servo_models.identification.elements.loop import Choice, Synthesis, synthesise
-from servo_models.identification.elements.motor import GAIN, motor, motor_step
-from servo_models.identification.elements.tables import GearTable, read_table, read_wish
+from servo_models.identification.elements.loop import Synthesis, read_wish, synthesise
+from servo_models.identification.elements.motor import GAIN, STEP_GAIN, motor, motor_step
 from servo_models.identification.result import Doubt
 from servo_models.report.result import Result
 
@@ -30,9 +68,36 @@ ESTIMATORS: dict[str, Callable[..., tuple[list[Figure], list[str]]]] = {
     "motor": motor,
     "motor_step": motor_step,
 }
+Teeth = Annotated[int, Meta(gt=0)]
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+class ElementTable(Table):
+    """The table of an element; it has a key for each column besides.
+
+    Written as::
+
+        file = "table.csv"
+        table = "sheet"
+        header = true
+    """
+
+    file: str
+    table: str = ""
+    header: bool | None = None
+
+
+class GearTable(Table):
+    """``[elements.gears]``, driving and driven gear of each stage.
+
+    Written as::
+
+        teeth = [[8, 48], [8, 32]]
+    """
+
+    teeth: Annotated[list[tuple[Teeth, Teeth]], Meta(min_length=1)]
+
+
+@dataclass(eq=False, repr=False)
 class ElementsResult(Result):
     """Elements of a servo, identified one by one.
 
@@ -47,12 +112,12 @@ class ElementsResult(Result):
     """
 
     model: Model
-    synthesis: Synthesis
-    figures: tuple[Figure, ...]
-    estimates: Mapping[str, Estimate]
-    notes: tuple[str, ...]
-    warnings: tuple[str, ...]
-    files: Mapping[str, str]
+    synthesis: Synthesis = field(init=False)
+    figures: list[Figure] = field(default_factory=list)
+    estimates: dict[str, Estimate] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    files: dict[str, str] = field(default_factory=dict)
 
     @property
     def parameters(self) -> dict[str, tuple[float, float]]:
@@ -60,17 +125,16 @@ class ElementsResult(Result):
         return {name: (e.value, e.standard_error) for name, e in self.estimates.items()}
 
     def figure(self, element: str, name: str) -> Estimate:
-        """Return a figure by element and name."""
         return next(f.estimate for f in self.figures if (f.element, f.name) == (element, name))
 
 
 def identify_elements(description: Description | str | Path) -> ElementsResult:
-    """Identify the elements that a description has tables of; see ``elements.tables``.
+    """Identify the elements that a description has tables of.
 
     Raises:
-        UserError: see ``read_description``, ``tables.read_table`` and the estimates of the
-            elements; an actuator that is not made of these elements; an estimate out of the
-            bounds of its parameter.  It names the file, and the key or columns.
+        UserError: see ``read_description`` and the estimators of the elements; a table that
+            cannot be read; an actuator that is not made of these elements; an estimate out of
+            the bounds of its parameter.  It names the file, and the key or columns.
     """
     if not isinstance(description, Description):
         description = read_description(description)
@@ -84,104 +148,119 @@ def identify_elements(description: Description | str | Path) -> ElementsResult:
             f"'{description.actuator.name}' has no '{strange[0]}'; name a servo made of these"
             " elements, such as sg90",
         )
-    wish, bench = read_wish(entries.section("synthesis")), _Bench(model)
+    wish, result = read_wish(entries.section("synthesis")), ElementsResult(model)
     for element in (*TABLES, GEARS):
         if element in entries:
-            bench.identify(element, entries.section(element))
-    if not bench.figures:
+            _identify(result, element, entries.section(element))
+    if not result.figures:
         document.fail("elements", "no element; add [elements.motor] or another one")
     parts = {name: Estimate.of(model.values[name]) for name in ("motor_gain", *LOOP)}
-    parts = {name: bench.estimates.get(name, given) for name, given in parts.items()}
-    dynamic = [f.estimate for f in bench.figures if f.name == "gain of the step"]
+    given = [name for name in (*LOOP, "motor_gain") if name not in result.estimates]
+    parts |= {name: result.estimates[name] for name in parts if name not in given}
+    dynamic = [f.estimate for f in result.figures if f.name == STEP_GAIN]
     if dynamic:
         parts["motor_gain"] = dynamic[0]
-    synthesis = synthesise(parts, model.values["angle_unit"], wish)
-    bench.keep(synthesis.choices[0], dynamic)
-    return ElementsResult(
-        model=model,
-        synthesis=synthesis,
-        figures=tuple(bench.figures),
-        estimates=bench.estimates,
-        notes=tuple(bench.notes),
-        warnings=tuple(bench.warnings),
-        files=bench.files,
-    )
+        given = [name for name in given if name != "motor_gain"]
+        result.notes.append("The loop takes the gain of the motor from its step")
+    if given:
+        result.notes.append(f"Given, not measured: {', '.join(given)}")
+    unit = model.values["angle_unit"]
+    if unit != 1.0:
+        result.notes.append(
+            f"A rad of the shaft counts as {unit:.4g} rad of the angle (angle_unit), as in the"
+            " SG90 paper; read strictly it is 1 and K_f smaller by that factor"
+        )
+    result.synthesis = synthesise(parts, unit, wish)
+    chosen = result.synthesis.choices[0]
+    k_f, param = chosen.setting.k_f, model.plant.parameters["feedback_coefficient"].param
+    if param.low <= k_f <= param.high:
+        error = chosen.relative_error * k_f
+        result.estimates["feedback_coefficient"] = Estimate(k_f, error, k_f - error, k_f + error)
+    else:
+        result.warnings.append(
+            f"K_f = {k_f:g} is not kept: 'feedback_coefficient' goes from {param.low:g} to"
+            f" {param.high:g}"
+        )
+    return result
 
 
-@dataclass(eq=False)
-class _Bench:
-    """What is known so far, while the elements are identified; see ``ElementsResult``."""
-
-    model: Model
-    figures: list[Figure] = field(default_factory=list)
-    estimates: dict[str, Estimate] = field(default_factory=dict)
-    notes: list[str] = field(default_factory=list)
-    warnings: list[str] = field(default_factory=list)
-    files: dict[str, str] = field(default_factory=dict)
-
-    def identify(self, element: str, section: Section) -> None:
-        """Add figures and parameters of an element; errors say which table they are about."""
-        doubts: list[str] = []
-        if element == GEARS:
-            teeth = section.read(GearTable).teeth
-            file, place = "", f"'{section.file}', {section.name}.teeth"
-            ratio = Estimate.of(math.prod(driven / driving for driving, driven in teeth))
-            figures = [Figure("ratio K_R", ratio, "1", parameter="gear_ratio")]
-        else:
-            table = read_table(section, TABLES[element])
-            file, place = table.path.name, table.place
-            self.files[file] = table.sha256
-            try:
-                figures, doubts = ESTIMATORS[element](*table.columns)
-            except UserError as error:
-                raise UserError(f"{place}: {error}") from error
-        for figure in figures:
-            self.figures.append(replace(figure, element=element, file=file))
-            if figure.parameter:
-                self._set(figure.parameter, figure.estimate.scaled(figure.factor), place)
-        self.warnings += [f"{place}: {doubt}" for doubt in doubts]
-        static = self.estimates.get("motor_gain")
-        for figure in figures:
-            if figure.name == "gain of the step" and static and figure.estimate.contradicts(static):
-                self.warnings.append(
-                    f"the gain of the step, {figure.estimate.value:.5g}, and that of the static"
-                    f" line, {static.value:.5g} {GAIN}, disagree"
-                )
-
-    def _set(self, name: str, estimate: Estimate, place: str) -> None:
-        """Keep a parameter [SI]; one that cannot be below 0 is 0 then."""
-        known = self.model.plant.parameters[name]
-        if estimate.value < known.param.low == 0.0:
-            text = f"'{name}' was found at {estimate.value:.3g} and is taken as 0"
-            self.warnings.append(Doubt(text))
-            estimate = replace(estimate, value=0.0)
+def _identify(result: ElementsResult, element: str, section: Section) -> None:
+    """Add figures and parameters of an element; errors say which table they are about."""
+    file, doubts = "", list[str]()
+    if element == GEARS:
+        place, teeth = f"'{section.file}', {section.name}.teeth", section.read(GearTable).teeth
+        ratio = Estimate.of(math.prod(driven / driving for driving, driven in teeth))
+        figures = [Figure("ratio K_R", ratio, "1", parameter="gear_ratio")]
+    else:
+        path, digest, columns = read_table(section, TABLES[element])
+        file, place = path.name, f"'{path}', columns {' and '.join(columns)}"
+        result.files[file] = digest
         try:
-            check_bounds(known, estimate.value)
+            figures, doubts = ESTIMATORS[element](*columns.values())
         except UserError as error:
-            raise UserError(f"{place}: {error}, or correct unit, scale and sign") from error
-        self.estimates[name] = estimate
+            raise UserError(f"{place}: {error}") from error
+    static = result.estimates.get("motor_gain")
+    for figure in figures:
+        result.figures.append(replace(figure, element=element, file=file))
+        if figure.parameter:
+            _keep(result, figure.parameter, figure.estimate.scaled(figure.factor), place)
+    result.warnings += [f"{place}: {doubt}" for doubt in doubts]
+    for figure in figures:
+        if figure.name == STEP_GAIN and static and figure.estimate.contradicts(static):
+            result.warnings.append(
+                f"the gain of the step, {figure.estimate.value:.5g}, and that of the static line,"
+                f" {static.value:.5g} {GAIN}, disagree"
+            )
 
-    def keep(self, chosen: Choice, dynamic: list[Estimate]) -> None:
-        """Keep the feedback coefficient, and say what went into it."""
-        given = [name for name in LOOP if name not in self.estimates]
-        if dynamic:
-            self.notes.append("The loop takes the gain of the motor from its step")
-        elif "motor_gain" not in self.estimates:
-            given.append("motor_gain")
-        if given:
-            self.notes.append(f"Given, not measured: {', '.join(given)}")
-        unit = self.model.values["angle_unit"]
-        if unit != 1.0:
-            self.notes.append(
-                f"A rad of the shaft counts as {unit:.4g} rad of the angle (angle_unit), as in the"
-                " SG90 paper; read strictly it is 1 and K_f smaller by that factor"
+
+def _keep(result: ElementsResult, name: str, estimate: Estimate, place: str) -> None:
+    """Keep a parameter [SI]; one that cannot be below 0 is 0 then."""
+    known = result.model.plant.parameters[name]
+    if estimate.value < known.param.low == 0.0:
+        text = f"'{name}' was found at {estimate.value:.3g} and is taken as 0"
+        result.warnings.append(Doubt(text))
+        estimate = replace(estimate, value=0.0)
+    try:
+        check_bounds(known, estimate.value)
+    except UserError as error:
+        raise UserError(f"{place}: {error}, or correct unit, scale and sign") from error
+    result.estimates[name] = estimate
+
+
+def read_table(entry: Section, bench: Bench) -> tuple[Path, str, dict[str, Array]]:
+    """Return the file of an element's table, SHA-256 of its bytes, and columns [SI] by name.
+
+    Raises:
+        UserError: an unknown key, no file or column, cells that are no numbers, a unit that
+            does not convert, too few rows, a column that is constant.
+    """
+    wanted: list[Any] = [(wire.name, Column | Signal) for wire in bench.columns]
+    optional = [(wire.name, Column | Signal | None, None) for wire in bench.optional]
+    lines = [f'{name} = {{ column = "...", unit = "..." }}' for name, *_ in [*wanted, *optional]]
+    doc = {"__doc__": "\n".join([str(ElementTable.__doc__), *lines])}
+    schema = defstruct(
+        "Element", [*wanted, *optional], bases=(ElementTable,), kw_only=True, namespace=doc
+    )
+    table = cast(ElementTable, entry.read(schema))
+    path = entry.file.parent / table.file
+    cells = read_columns(path, table.table or None, table.header)
+    columns: dict[str, Array] = {}
+    for wire in (*bench.columns, *(wire for wire in bench.optional if wire.name in entry)):
+        mapped = map_signal(entry, wire.name, wire, None)
+        if mapped.table or mapped.shift:
+            entry.fail(wire.name, "table and shift of a column belong to logs; leave them out")
+        values = in_si(mapped, cells.numbers(mapped.column))
+        check_size(mapped, cells, np.arange(len(values)), values, wire)
+        where = cells.where(mapped.column)
+        if len(values) < bench.rows:
+            raise UserError(f"{where} has {len(values)} rows: give at least {bench.rows}")
+        if any(len(values) != len(other) for other in columns.values()):
+            raise UserError(
+                f"{where} is not as long as the first column: name columns of one table"
             )
-        k_f, param = chosen.setting.k_f, self.model.plant.parameters["feedback_coefficient"].param
-        if param.low <= k_f <= param.high:
-            error = chosen.relative_error * k_f
-            self.estimates["feedback_coefficient"] = Estimate(k_f, error, k_f - error, k_f + error)
-        else:
-            self.warnings.append(
-                f"K_f = {k_f:g} is not kept: 'feedback_coefficient' goes from {param.low:g} to"
-                f" {param.high:g}"
-            )
+        if wire in bench.columns and np.all(values == values[0]):
+            raise UserError(f"{where} is constant; name another column, or measure over a range")
+        if wire.name == "time":
+            cells.check_order(mapped.column, values)
+        columns[wire.name] = values
+    return path, cells.sha256, columns

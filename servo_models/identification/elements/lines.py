@@ -20,6 +20,7 @@ import numpy as np
 from servo_models.core.types import Array
 from servo_models.errors import UserError
 from servo_models.identification.elements.estimate import (
+    BENT,
     Figure,
     Fit,
     fit,
@@ -28,7 +29,6 @@ from servo_models.identification.elements.estimate import (
     rounding,
 )
 
-BENT = "straight pieces say too little, what they leave over is no chance"
 Knees = tuple[int, ...]
 """Which of lower limit, start and end of the dead band, and upper limit there are, ascending."""
 STRAIGHT: Knees = ()

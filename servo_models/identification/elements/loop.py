@@ -14,13 +14,48 @@ from __future__ import annotations
 
 import cmath
 import math
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
+from msgspec import Meta
+
+from servo_models.data.schema import Section, Share, Table
 from servo_models.identification.elements.estimate import Estimate
-from servo_models.identification.elements.tables import Wish
 
 REACHED = 1.0 - math.exp(-2.0)  # share at the time constant: the paper's 4.6 s and 2.6 s
+
+
+Coefficient = Annotated[float, Meta(gt=0.0, le=sys.float_info.max)]
+
+
+class Wish(Table):
+    """What the closed loop shall be, ``[elements.synthesis]``.
+
+    Written as::
+
+        band = "5 %"                    # share of the step within which it counts as settled
+        overshoot = "5 %"               # share of the step at most
+        k_f = [0.05, 0.1, 0.18]         # further feedback coefficients to evaluate
+    """
+
+    band: Share = Share(0.05)
+    overshoot: Share = Share(0.05)
+    k_f: list[Coefficient] | Coefficient = []
+
+
+def read_wish(entry: Section) -> Wish:
+    """Read ``[elements.synthesis]``.
+
+    Raises:
+        UserError: shares that are not above 0 and below 1, or K_f that are not above 0.
+    """
+    wish = entry.read(Wish)
+    for key, share in (("band", wish.band), ("overshoot", wish.overshoot)):
+        if not 0.0 < share < 1.0:
+            entry.fail(key, f'{share:g} is not between 0 and 1; give a share of the step, "5 %"')
+    return wish
 
 
 @dataclass(frozen=True)
@@ -184,6 +219,7 @@ def synthesise(parts: Mapping[str, Estimate], angle_unit: float, wish: Wish) -> 
         choices.append(choice)
     usual = [choices[0].setting.k_f * share for share in (0.25, 0.5, 0.75, 1.5, 2.0)]
     chosen = [response.k_f for c in choices for response in (c.setting, c.optimum)]
-    wanted = sorted({*(round(k_f, 12) for k_f in usual), *wish.k_f, *chosen})
+    asked = wish.k_f if isinstance(wish.k_f, list) else [wish.k_f]
+    wanted = sorted({*(round(k_f, 12) for k_f in usual), *asked, *chosen})
     rows = tuple(loop.response(k_f, bands) for k_f in wanted)
     return Synthesis(loop, wish, tuple(choices), rows)
