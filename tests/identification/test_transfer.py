@@ -24,8 +24,8 @@ from servo_models.identification.transfer import (
     TransferResult,
     identify_transfer,
 )
-from servo_models.identification.transfer.choose import Candidate, pole_trouble, surplus_zero
 from servo_models.identification.transfer.fit import fit
+from servo_models.identification.transfer.identify import Candidate, pole_trouble, surplus_zero
 from servo_models.report.style import figure
 from servo_models.validation.solvers import LinearSystem, changes
 from tests.support.transfer_logs import DT, EQUATION_12, MOTOR, log

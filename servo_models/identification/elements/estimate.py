@@ -65,16 +65,8 @@ def combined(*parts: tuple[float, Estimate]) -> Estimate:
 
 @dataclass(frozen=True)
 class Figure:
-    """A figure of an element.
-
-    Attributes:
-        name: in words.
-        estimate: in ``unit``.
-        unit: SI.
-        display: unit that a person reads it in, "" for ``unit``.
-        parameter: of the actuator that it tells, "" for none; ``factor`` times this figure.
-        element, file: where it is from.
-    """
+    """A figure of an element in ``unit`` (SI), shown in ``display`` where that is given; ``factor``
+    times it is ``parameter`` of the actuator, if it tells one."""
 
     name: str
     estimate: Estimate
@@ -88,13 +80,8 @@ class Figure:
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A fit by least squares with equal, independent errors of all rows.
-
-    Attributes:
-        values: the unknowns, shape (p,).
-        slopes: of the fitted rows by the unknowns, shape (n, p).
-        residuals: measured minus fitted, shape (n,).
-    """
+    """A fit by least squares with equal, independent errors of all rows: the unknowns, shape (p,),
+    slopes of the rows by them, shape (n, p), and measured minus fitted, shape (n,)."""
 
     values: Array
     slopes: Array

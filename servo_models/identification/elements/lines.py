@@ -78,30 +78,23 @@ def _is_curved(x: Array, line: Fit) -> bool:
 
 
 def _best(x: Array, y: Array, shapes: Sequence[Knees]) -> tuple[Fit, Knees]:
-    """Gain, zero and knees of the shape with the least criterion."""
-    fits = [
-        (_criterion(line, y), shape, line)
-        for shape in shapes
-        for line in (_fitted(shape, x, y, start) for start in _starts(shape, x, y))
-        if _is_ordered(line.values[2:], x)
-    ]
+    """Gain, zero and knees of the shape with the least criterion, in which a knee costs 3 ln n."""
+    n, fits = len(y), list[tuple[float, Knees, Fit]]()
+    for shape in shapes:
+
+        def model(x: Array, gain: float, zero: float, *knees: float, shape: Knees = shape) -> Array:
+            return gain * (_travel(shape, x, np.array(knees)) - zero)
+
+        for start in _starts(shape, x, y):
+            line = fit(model, x, y, start)
+            score = n * math.log((line.squares + rounding(y)) / n)
+            score += (2 + 3 * len(shape)) * math.log(n)
+            if _is_ordered(line.values[2:], x):
+                fits.append((score, shape, line))
     if not fits:
         raise UserError("no slope; name another column, or measure over a range")
     _, shape, line = min(fits, key=itemgetter(0))
     return line, shape
-
-
-def _fitted(shape: Knees, x: Array, y: Array, start: Array) -> Fit:
-    def model(x: Array, gain: float, zero: float, *knees: float) -> Array:
-        return gain * (_travel(shape, x, np.array(knees)) - zero)
-
-    return fit(model, x, y, start)
-
-
-def _criterion(line: Fit, y: Array) -> float:
-    """Less is better; a knee costs 3 ln n."""
-    n, knees = len(y), len(line.values) - 2
-    return n * math.log((line.squares + rounding(y)) / n) + (2 + 3 * knees) * math.log(n)
 
 
 def _travel(shape: Knees, x: Array, knees: Array) -> Array:

@@ -60,16 +60,9 @@ def read_wish(entry: Section) -> Wish:
 
 @dataclass(frozen=True)
 class Response:
-    """Measures of the closed loop.
-
-    Attributes:
-        k_f: feedback coefficient [1].
-        time_constant: time to ``REACHED`` of the step [s].
-        overshoot: share of the step [1].
-        bandwidth: where the gain is 3 dB below the static one [rad/s].
-        phase_margin: of the open loop c K_f / (s (s + 1/T)) [rad].
-        settling: time after which the response stays inside the band [s], by band [1].
-    """
+    """Measures of the closed loop, SI: time to ``REACHED`` of the step, overshoot as a share of
+    it, bandwidth to -3 dB, phase margin of the open loop c K_f / (s (s + 1/T)), and the time after
+    which the response stays inside a band, by band."""
 
     k_f: float
     time_constant: float
@@ -161,10 +154,9 @@ class Loop:
 
 @dataclass(frozen=True)
 class Choice:
-    """The feedback coefficient of the shortest settling.
+    """The feedback coefficient of the shortest settling into ``band``, a share of the step.
 
     Attributes:
-        band: share of the step within which it counts as settled [1].
         optimum: the response at the best K_f.
         setting: the response at that K_f rounded to two digits, what one would set: down,
             since more would overshoot more.
@@ -179,14 +171,8 @@ class Choice:
 
 @dataclass(frozen=True)
 class Synthesis:
-    """The closed loop of the elements.
-
-    Attributes:
-        loop: all but its feedback coefficient.
-        wish: what it shall be.
-        choices: of K_f, for the band of the wish first, then for the other usual one.
-        rows: of the table of K_f, ascending.
-    """
+    """The closed loop of the elements: K_f for the band of the wish first, then for the other usual
+    one, and rows of the table of K_f, ascending."""
 
     loop: Loop
     wish: Wish
@@ -210,16 +196,15 @@ def synthesise(parts: Mapping[str, Estimate], angle_unit: float, wish: Wish) -> 
     # K_f of a given damping goes with 1 / (c T^2), so each element counts once.
     error = math.hypot(*(part.standard_error / part.value for part in parts.values()))
     bands = tuple(dict.fromkeys((wish.band, 0.05, 0.02)))
-    choices = []
-    for band in bands:
-        best = loop.best(band, wish.overshoot)
-        unit = 10.0 ** (math.floor(math.log10(best)) - 1)
-        rounded = round(math.floor(best / unit * (1.0 + 1e-12)) * unit, 12)
-        choice = Choice(band, loop.response(best, bands), loop.response(rounded, bands), error)
-        choices.append(choice)
-    usual = [choices[0].setting.k_f * share for share in (0.25, 0.5, 0.75, 1.5, 2.0)]
-    chosen = [response.k_f for c in choices for response in (c.setting, c.optimum)]
+    best = [loop.best(band, wish.overshoot) for band in bands]
+    units = [10.0 ** (math.floor(math.log10(k_f)) - 1) for k_f in best]
+    rounded = [math.floor(k_f / unit * (1.0 + 1e-12)) * unit for k_f, unit in zip(best, units)]
+    usual = [rounded[0] * share for share in (0.25, 0.5, 0.75, 1.0, 1.5, 2.0)]
     asked = wish.k_f if isinstance(wish.k_f, list) else [wish.k_f]
-    wanted = sorted({*(round(k_f, 12) for k_f in usual), *asked, *chosen})
-    rows = tuple(loop.response(k_f, bands) for k_f in wanted)
-    return Synthesis(loop, wish, tuple(choices), rows)
+    wanted = {*best, *asked, *(round(k_f, 12) for k_f in (*usual, *rounded))}
+    at = {k_f: loop.response(k_f, bands) for k_f in sorted(wanted)}
+    choices = [
+        Choice(band, at[k_f], at[round(setting, 12)], error)
+        for band, k_f, setting in zip(bands, best, rounded)
+    ]
+    return Synthesis(loop, wish, tuple(choices), tuple(at.values()))

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from servo_models.identification.transfer.choose import Candidate
 from servo_models.identification.transfer.functions import STRUCTURES, Structure, TransferFunction
-from servo_models.identification.transfer.identify import TransferResult, identify_transfer
+from servo_models.identification.transfer.identify import (
+    Candidate,
+    TransferResult,
+    identify_transfer,
+)
 from servo_models.identification.transfer.measurements import Record, Sweep
 from servo_models.identification.transfer.sweeps import raw_records, read_sweeps, sweep_of_sines
 

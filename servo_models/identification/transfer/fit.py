@@ -23,14 +23,16 @@ from servo_models.core.types import Array
 from servo_models.identification.transfer.functions import Structure, TransferFunction
 from servo_models.identification.transfer.measurements import Measurements, Record, band
 
+Fit = tuple[TransferFunction, Array]
+"""A function and the covariance of its coefficients, SI, shape (size, size)."""
+
 
 def fit(
     structure: Structure,
     measurements: Measurements,
     smaller: Sequence[TransferFunction] = (),
-) -> tuple[TransferFunction, Array] | None:
-    """Return the best fit over all starts and the covariance of its coefficients, SI, shape
-    (size, size); None where none is finite.
+) -> Fit | None:
+    """Return the best fit over all starts, None where none is finite.
 
     A delay is at most one over the lowest frequency that the data speak of.
 

@@ -1,20 +1,29 @@
-"""Transfer functions of many structures from records and sweeps, and the one that will do."""
+"""Transfer functions of many structures from records and sweeps, and the one that will do.
+
+What has unstable or undamped poles, or a zero that the data do not tell from a pole, is out.
+Among the rest the best one is sought, and then the smallest that is not significantly worse
+than it: by the held-out samples if there are any, else by the Bayesian information criterion.
+Sources: Ljung, System Identification, 2nd ed., secs. 16.4 to 16.6; Kass and Raftery, Bayes
+Factors, J. Am. Stat. Assoc. 90 (1995), for what counts as significant; Soederstroem, Test of
+pole-zero cancellation, Automatica 11 (1975).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from servo_models.analysis.statistics import dependence, inflation, whiteness
 from servo_models.core.plant import GreyBox, Wire, unknown
 from servo_models.core.simulate import Model
+from servo_models.core.types import Array, Complex, Mask
 from servo_models.data.log import Log
 from servo_models.errors import UserError
 from servo_models.identification.grey_box import Constant, PhysicalConstants, physical_constants
 from servo_models.identification.result import Doubt
-from servo_models.identification.transfer.choose import Candidate, choose, warnings
-from servo_models.identification.transfer.fit import fit
+from servo_models.identification.transfer.fit import Fit, fit
 from servo_models.identification.transfer.functions import STRUCTURES, Structure, TransferFunction
 from servo_models.identification.transfer.measurements import (
     Measurement,
@@ -23,6 +32,97 @@ from servo_models.identification.transfer.measurements import (
     Sweep,
 )
 from servo_models.report.result import Result
+
+WORSE = 10.0  # difference of the BIC that is very strong evidence (Kass and Raftery)
+COLOURED = 0.01  # probability below which residuals do not pass for noise
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A transfer function in the comparison.
+
+    Attributes:
+        name: its structure, or the name under which it was given.
+        function: the estimate, or what was given.
+        covariance: of its coefficients, SI; None for a given one.
+        errors, held_out_errors: by name of the measurements; SI for records; for frequency
+            responses logarithm of gain, then phase [rad], over the points' spread.
+        fit, held_out: share of the records' movement that is described, 1 for all of it,
+            on fitted and on held-out samples; None without any.
+        white: least probability, over the records, of such autocorrelations in white noise.
+        independent: least probability of such correlations with past inputs if there is none;
+            both None without records.
+        aic, bic: information criteria, less is better.
+        fault: what disqualifies it however well it fits, "" for nothing.
+        reason: why it is rejected; "" for the chosen one.
+    """
+
+    name: str
+    function: TransferFunction
+    covariance: Array | None
+    errors: Mapping[str, Array]
+    held_out_errors: Mapping[str, Array]
+    fit: float | None
+    held_out: float | None
+    white: float | None
+    independent: float | None
+    aic: float = np.inf
+    bic: float = np.inf
+    fault: str = ""
+    reason: str = ""
+
+    @classmethod
+    def of(
+        cls,
+        name: str,
+        function: TransferFunction,
+        covariance: Array | None,
+        measurements: Measurements,
+    ) -> Candidate:
+        """Compare a function with all measurements."""
+        with np.errstate(all="ignore"):
+            errors = {data.name: data.errors(function, False)[0] for data in measurements}
+        records = [data for data in measurements if isinstance(data, Record)]
+        judged = [r for r in records if r.fitted.any()]
+        white = [whiteness(errors[r.name], r.fitted) for r in judged]
+        independent = [dependence(errors[r.name], r.given, r.fitted) for r in judged]
+        return cls(
+            name,
+            function,
+            covariance,
+            errors={data.name: errors[data.name][data.fitted] for data in measurements},
+            held_out_errors={data.name: errors[data.name][~data.fitted] for data in measurements},
+            fit=_described([(r.measured, errors[r.name], r.fitted) for r in records]),
+            held_out=_described([(r.measured, errors[r.name], r.held_out) for r in records]),
+            white=min(white, default=None),
+            independent=min(independent, default=None),
+        )
+
+    @property
+    def standard_errors(self) -> Array | None:
+        """Of ``function.coefficients``."""
+        return None if self.covariance is None else np.sqrt(np.diag(self.covariance))
+
+    @property
+    def size(self) -> int:
+        return self.function.structure.size
+
+    @property
+    def rms(self) -> dict[str, float]:
+        """Root mean square of the fitted errors by measurements."""
+        return {name: _rms(e) for name, e in self.errors.items() if len(e)}
+
+
+def _described(parts: Sequence[tuple[Array, Array, Mask]]) -> float | None:
+    """1 - norm of the errors over norm of the movement, over all (measured, errors, rows)."""
+    used = [(y[rows], error[rows]) for y, error, rows in parts if np.any(rows)]
+    missed = sum(float(np.sum(error**2)) for _, error in used)
+    moved = sum(float(np.sum((y - np.mean(y)) ** 2)) for y, _ in used)
+    return 1.0 - float(np.sqrt(missed / moved)) if moved > 0.0 else None
+
+
+def _rms(errors: Array) -> float:
+    return float(np.sqrt(np.mean(errors**2)))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -134,13 +234,13 @@ def _fits(
     structures: Iterable[Structure],
     measurements: Measurements,
     progress: Callable[[str], None],
-) -> tuple[dict[Structure, tuple[TransferFunction, np.ndarray]], bool]:
+) -> tuple[dict[Structure, Fit], bool]:
     """Fit every structure, the small ones first since they are starts of the larger ones.
 
     Whoever interrupts gets those that are done, and True.
     """
     rows = min(int(np.sum(data.fitted)) for data in measurements)
-    done: dict[Structure, tuple[TransferFunction, np.ndarray]] = {}
+    done: dict[Structure, Fit] = {}
     for structure in sorted(structures, key=lambda s: (s.poles, s.delay, s.zeros)):
         if structure.size >= rows:
             continue
@@ -201,3 +301,174 @@ def _constants(
             f" {taken.reason}"
         )
     return replace(physical, constants=constants), doubts
+
+
+def choose(
+    candidates: Sequence[Candidate], measurements: Measurements, longest: float | None
+) -> list[Candidate]:
+    """Return the candidates with AIC, BIC, faults, and the reasons against all but one.
+
+    Args:
+        candidates: to be judged.
+        measurements: that they are compared with.
+        longest: duration of the longest record [s], None without records.
+    """
+    checked = [replace(c, fault=_fault(c, longest)) for c in _rated(candidates, measurements)]
+    sound = [c for c in checked if not c.fault]
+    if not sound:
+        raise UserError(
+            f"no structure describes an actuator ({checked[0].fault}): check input, output and"
+            " units of the record, or record longer"
+        )
+    best = likely = min(sound, key=lambda c: c.bic)
+    hidden = {name: e for name, e in likely.held_out_errors.items() if len(e)}
+    losses: dict[str, Array] = {}
+    if hidden:
+        noise = {name: _rms(e) for name, e in hidden.items()} | likely.rms
+        for c in sound:
+            joined = np.concatenate([(c.held_out_errors[n] / noise[n]) ** 2 for n in hidden])
+            # Neighbours are not independent, so blocks of them are compared.
+            blocks = np.array_split(joined, min(20, len(joined)))
+            losses[c.name] = np.array([np.mean(block) for block in blocks])
+        best = min(sound, key=lambda c: float(np.mean(losses[c.name])))
+
+    def worse(c: Candidate) -> bool:
+        if not hidden:
+            return c.bic - best.bic > WORSE
+        loss = losses[c.name] - losses[best.name]
+        error = float(np.std(loss, ddof=1)) / np.sqrt(len(loss)) if len(loss) > 1 else 0.0
+        return c is not best and float(np.mean(loss)) > 2.0 * error
+
+    good = [c for c in sound if not worse(c)]
+    chosen = min(good, key=lambda c: (c.size, c.bic))
+
+    def reason(c: Candidate) -> str:
+        if c is chosen or c.fault:
+            return c.fault
+        if c in good or (c.size > chosen.size and not hidden):
+            more = c.size - chosen.size
+            count = "one coefficient" if more == 1 else f"{more} coefficients"
+            ending = f"with {count} more" if more else "which has as many coefficients"
+            return f"no better than '{chosen.name}', {ending}"
+        if hidden:
+            missed, least = _missed(c), _missed(chosen)
+            return f"misses {missed} of the held-out samples, '{chosen.name}' {least}"
+        return f"worse than '{chosen.name}': BIC higher by {c.bic - chosen.bic:.4g}"
+
+    return [replace(c, reason=reason(c)) for c in checked]
+
+
+def _rated(candidates: Sequence[Candidate], measurements: Measurements) -> list[Candidate]:
+    """Add AIC and BIC; correlated errors count as fewer independent ones.
+
+    How correlated the noise is, is read off the candidate with the least errors.
+    """
+    if not candidates:
+        raise UserError("too few samples for any structure: record at least 16")
+    names = [data.name for data in measurements if data.fitted.any()]
+    logarithms = 2.0 * np.log([[max(c.rms[name], 1e-300) for name in names] for c in candidates])
+    lengths = np.array([len(candidates[0].errors[name]) for name in names], dtype=float)
+    least = candidates[int(np.argmin(logarithms @ lengths))]
+    counts = lengths / np.array([inflation(least.errors[name]) for name in names])
+    price = float(np.log(np.sum(counts)))
+    return [
+        replace(c, aic=base + 2.0 * c.size, bic=base + price * c.size)
+        for c, base in zip(candidates, (logarithms @ counts).tolist())
+    ]
+
+
+def _missed(c: Candidate) -> str:
+    every = np.concatenate(list(c.held_out_errors.values()))
+    return f"{100.0 * (_rms(every) if c.held_out is None else 1.0 - c.held_out):.3g} %"
+
+
+def warnings(
+    chosen: Candidate, candidates: Sequence[Candidate], longest: float | None
+) -> Iterator[str]:
+    """Return sentences on the chosen one: a pole too slow, a better fit that is unsound, residuals
+    that are no noise."""
+    slow = [p for p in chosen.function.poles if longest and abs(p.real) * longest < 1.0]
+    for pole in [p for p in slow if p.imag == 0.0][:1]:
+        yield (
+            f"the pole at {_shown(pole)} rad/s is slower than the longest record ({longest:.3g} s):"
+            " the static gain is not determined; record longer, or take it as an integrator"
+        )
+    likely = min(candidates, key=lambda c: c.bic)
+    if likely.fault and chosen.bic - likely.bic > WORSE:
+        yield f"'{likely.name}' fits better than '{chosen.name}', but: {likely.fault}"
+    if chosen.independent is not None and chosen.independent < COLOURED:
+        yield (
+            f"the residuals of '{chosen.name}' still depend on the input: something is missing,"
+            " such as an effect that is not linear"
+        )
+    elif chosen.white is not None and chosen.white < COLOURED:
+        yield f"the residuals of '{chosen.name}' are not white; the standard errors account for it"
+
+
+def _fault(c: Candidate, longest: float | None) -> str:
+    trouble = pole_trouble(c.function, longest)
+    if trouble or c.covariance is None:
+        return trouble
+    return surplus_zero(c.function, c.covariance)
+
+
+def pole_trouble(function: TransferFunction, longest: float | None) -> str:
+    """Return why poles are not those of an actuator that the longest record [s] shows, or ""."""
+    for pole in sorted(function.poles, key=lambda p: -p.real):
+        size, oscillates = abs(pole), pole.imag != 0.0
+        place = f"poles at {_shown(pole)} rad/s"
+        if oscillates and abs(pole.real) < 0.01 * size:
+            return f"undamped: {place}, damping ratio {-pole.real / size:.2g}, never settle"
+        if pole.real > 0.0 and not (longest and size * longest < 0.1):
+            return f"unstable: a pole at {_shown(pole)} rad/s"
+        settling = 4.0 / abs(pole.real) if oscillates else 0.0  # to within 2 %
+        if longest and longest < settling:
+            return (
+                f"undamped within the record: {place} settle in {settling:.3g} s, the longest"
+                f" record lasts {longest:.3g} s"
+            )
+    return ""
+
+
+def surplus_zero(function: TransferFunction, covariance: Array) -> str:
+    """Return which zero is not determined, or cancels a pole, or "".
+
+    Roots move by dp = -p^i da_i / A'(p); the distance of a pole and a zero is tested against
+    its covariance (Soederstroem).
+    """
+    from scipy.special import chdtri
+
+    slope, m = np.zeros(len(covariance), dtype=complex), len(function.numerator)
+    for zero in function.zeros:
+        slope[:] = 0.0
+        slope[:m] = _root_slopes(function.numerator, zero)
+        error = float(np.sqrt(np.real(slope.conj() @ covariance @ slope)))
+        # The zero of a differentiator is 0: then the slowest pole is the measure.
+        if error > 0.5 * max(abs(zero), float(np.min(np.abs(function.poles)))):
+            return f"the zero at {_shown(zero)} rad/s is not determined: standard error {error:.2g}"
+        for pole in function.poles:
+            slope[m : m + len(function.poles)] = -_root_slopes(function.denominator, pole)[1:]
+            count = 1 if zero.imag == pole.imag == 0.0 else 2
+            parts = np.array([slope.real, slope.imag])[:count]
+            distance = np.array([(zero - pole).real, (zero - pole).imag])[:count]
+            spread = np.linalg.pinv(parts @ covariance @ parts.T, hermitian=True)
+            near = abs(zero - pole) < 0.01 * abs(pole)  # nothing of it would be seen
+            if near or float(distance @ spread @ distance) < chdtri(count, 0.05):
+                return (
+                    f"pole-zero cancellation: the zero at {_shown(zero)} rad/s and the pole at"
+                    f" {_shown(pole)} rad/s are one within {'1 %' if near else 'their uncertainty'}"
+                )
+    return ""
+
+
+def _root_slopes(polynomial: Sequence[float], root: complex) -> Complex:
+    """Derivatives of a root by the coefficients, highest power first."""
+    powers = root ** np.arange(len(polynomial))[::-1]
+    return np.asarray(-powers / np.polyval(np.polyder(polynomial), root), dtype=complex)
+
+
+def _shown(root: complex) -> str:
+    if root.imag == 0.0:
+        return f"{root.real:.5g}"
+    real = f"{root.real:.5g} " if abs(root.real) > 1e-6 * abs(root) else ""
+    return f"{real}+-{abs(root.imag):.5g}j"

@@ -15,9 +15,8 @@ from servo_models.identification.grey_box import Constant
 from servo_models.identification.measured_response import Record as Spectra
 from servo_models.identification.measured_response import empirical
 from servo_models.identification.readings import words
-from servo_models.identification.transfer.choose import COLOURED, Candidate
 from servo_models.identification.transfer.functions import TransferFunction
-from servo_models.identification.transfer.identify import TransferResult
+from servo_models.identification.transfer.identify import COLOURED, Candidate, TransferResult
 from servo_models.identification.transfer.measurements import Record, Sweep
 from servo_models.report.curves import JUDGED, MEASURED, draw_curve, draw_legend, shade
 from servo_models.report.numbers import ERROR, Quantity
