@@ -49,10 +49,7 @@ STRUCTURES = tuple(
 class TransferFunction:
     """G(s) = exp(-delay s) numerator(s) / denominator(s); ``str`` writes it so.
 
-    Attributes:
-        numerator, denominator: coefficients, highest power of s first, in SI (s in 1/s);
-            the denominator begins with 1.
-        delay: [s].
+    Coefficients are in SI, that of the highest power of s first; the denominator begins with 1.
     """
 
     numerator: tuple[float, ...]

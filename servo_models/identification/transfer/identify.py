@@ -43,7 +43,6 @@ class Candidate:
 
     Attributes:
         name: its structure, or the name under which it was given.
-        function: the estimate, or what was given.
         covariance: of its coefficients, SI; None for a given one.
         errors, held_out_errors: by name of the measurements; SI for records; for frequency
             responses logarithm of gain, then phase [rad], over the points' spread.
@@ -127,17 +126,8 @@ def _rms(errors: Array) -> float:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TransferResult(Result):
-    """All candidates with verdicts, and the one chosen.
-
-    Attributes:
-        source, output: wires that the functions connect.
-        measurements: records and frequency responses.
-        candidates: in order of size, given ones first.
-        chosen: the one without a reason against it.
-        constants: physical constants, where the actuator has a grey box.
-        warnings: sentences.
-        interrupted: not every structure was tried.
-    """
+    """All candidates in order of size, given ones first, and the one chosen, from ``source`` to
+    ``output``; physical constants where the actuator has a grey box; warnings as sentences."""
 
     source: Wire
     output: Wire
@@ -306,13 +296,8 @@ def _constants(
 def choose(
     candidates: Sequence[Candidate], measurements: Measurements, longest: float | None
 ) -> list[Candidate]:
-    """Return the candidates with AIC, BIC, faults, and the reasons against all but one.
-
-    Args:
-        candidates: to be judged.
-        measurements: that they are compared with.
-        longest: duration of the longest record [s], None without records.
-    """
+    """Return the candidates with AIC, BIC, faults, and the reasons against all but one; the longest
+    record lasts ``longest`` [s], None without records."""
     checked = [replace(c, fault=_fault(c, longest)) for c in _rated(candidates, measurements)]
     sound = [c for c in checked if not c.fault]
     if not sound:

@@ -1,8 +1,7 @@
 """What a transfer function is fitted to: time records and frequency responses.
 
-Both kinds answer the same two questions: how far a function is from the data, with exact
-derivatives by its coefficients, and what the data say about the coefficients when the equation
-error is made linear in them.
+Both kinds tell how far a function is from the data, with exact derivatives by its coefficients,
+and what the data say about these when the equation error is made linear in them.
 
 Responses to held inputs are exact on any grid, with any delay: the delay moves the instants at
 which the input changes, and between instants the matrix exponential goes on.  python-control
@@ -48,13 +47,10 @@ def check_signals(log: Log, source: str, output: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """A time record of one input and one output, SI.
+    """A time record of one input and one output, SI, shape (n,).
 
-    Attributes:
-        times: [s], shape (n,).
-        given: input as deviation from where the record's equilibrium is; held.
-        measured: output; its constant offset is a nuisance of each record.
-        held_out: samples that no fit may see.
+    The input is held between samples and given as deviation from the record's equilibrium; the
+    constant offset of the output is a nuisance of each record.  No fit may see what is held out.
     """
 
     name: str
@@ -65,10 +61,8 @@ class Record:
 
     @classmethod
     def of(cls, log: Log, source: str, output: str, rest: float = 0.0) -> Record:
-        """Take a signal pair out of a log.
-
-        A log with a ``settle`` time starts in the equilibrium of its first row, one
-        without in that of ``rest`` [SI].
+        """Take a signal pair out of a log; it starts in the equilibrium of its first row if it has
+        a ``settle`` time, else in that of ``rest`` [SI].
 
         Raises:
             UserError: see ``check_signals``; an input at rest.
@@ -215,14 +209,10 @@ def _compiled() -> Callable[..., Array]:
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """A frequency response in points.
+    """A frequency response in points, shape (n,).
 
-    Attributes:
-        source, output: names of input and output.
-        frequencies: [rad/s], shape (n,).
-        response: complex gain, SI output per SI input, shape (n,); lag is negative phase.
-        spread: relative standard errors of the points, up to a common factor, shape (n,).
-        held_out: points that no fit may see.
+    Frequencies in rad/s; complex gain in SI, lag is negative phase; ``spread`` is the relative
+    standard error of each point, up to a common factor.  No fit may see what is held out.
     """
 
     name: str
@@ -235,17 +225,14 @@ class Sweep:
 
     @property
     def band(self) -> tuple[float, float]:
-        """Lowest and highest frequency [rad/s]."""
         return float(self.frequencies.min()), float(self.frequencies.max())
 
     @property
     def fitted(self) -> Mask:
-        """Rows of ``errors`` that a fit may see."""
         return np.tile(~self.held_out, 2)
 
     @cached_property
     def noise_guess(self) -> float:
-        """Relative."""
         return 0.02 / float(np.median(self.spread))
 
     def errors(self, function: TransferFunction, delay: bool) -> tuple[Array, Array]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Sequence, Sized
 from dataclasses import replace
 from pathlib import Path
 
@@ -88,13 +88,8 @@ class RawSweep(Table):
 def read_sweeps(
     document: Section, base: Path, plant: Plant, logs: Sequence[Log] = ()
 ) -> tuple[Sweep, ...]:
-    """Read the frequency responses of a description, its ``[[sweeps]]``.
-
-    Args:
-        document: the whole description.
-        base: folder of the files.
-        plant: says which inputs and outputs there are, and their units.
-        logs: of the description.
+    """Read the frequency responses of a description, its ``[[sweeps]]``, from files in ``base``
+    and from ``logs``; the plant says which inputs and outputs there are, and their units.
 
     Raises:
         UserError: an unknown key, signal or column, a unit that does not convert, fewer than
@@ -127,66 +122,59 @@ def _read(section: Section, base: Path, plant: Plant, logs: Sequence[Log]) -> Sw
         for name in entry.logs:
             if name not in known:
                 section.fail("logs", unknown("log", name, known))
-        _check_count(section, "logs", len(entry.logs), "records")
+        _check_count(section, "logs", entry.logs, "records")
         return sweep_of_sines([known[name] for name in entry.logs], entry.input, entry.output)
-    columns = read_columns(base / entry.file, entry.table or None)
-    frequencies = _frequencies(section, entry.frequency, columns)
-    _check_count(section, "file", len(frequencies), "points")
+    cells = read_columns(base / entry.file, entry.table or None)
+    frequencies = _frequencies(section, cells, entry.frequency)
+    _check_count(section, "file", frequencies, "points")
     unit = f"({outputs[entry.output].unit})/({inputs[entry.input].unit})"
-    phase = entry.phase.sign * columns.numbers(entry.phase.column)
-    phase *= _factor(section, "phase", entry.phase.unit, "rad")
-    return Sweep(
-        name=entry.file,
-        source=entry.input,
-        output=entry.output,
-        frequencies=frequencies,
-        response=_gain(section, entry.gain, columns, unit) * np.exp(1j * phase),
-        spread=np.ones(len(frequencies)),
-        held_out=np.full(len(frequencies), entry.held_out),
-    )
+    phases = entry.phase.sign * _numbers(section, "phase", cells, entry.phase, "rad")
+    response = _gains(section, cells, entry.gain, unit) * np.exp(1j * phases)
+    spread, hidden = np.ones(len(phases)), np.full(len(phases), entry.held_out)
+    ends = entry.file, entry.input, entry.output
+    return Sweep(*ends, frequencies, response, spread, hidden)
 
 
-def _check_count(section: Section, key: str, count: int, what: str) -> None:
-    if count < LEAST_POINTS:
-        section.fail(key, f"{count} {what}: a sweep needs {LEAST_POINTS} at least")
+def _check_count(section: Section, key: str, points: Sized, what: str) -> None:
+    if len(points) < LEAST_POINTS:
+        section.fail(key, f"{len(points)} {what}: a sweep needs {LEAST_POINTS} at least")
 
 
-def _frequencies(section: Section, given: Frequency, columns: Columns) -> Array:
+def _numbers(
+    section: Section, key: str, cells: Columns, given: Frequency | Gain | Phase, unit: str
+) -> Array:
+    """A column in ``unit``."""
+    try:
+        scale = factor(given.unit or unit, unit)
+    except UserError as error:
+        section.fail(f"{key}.unit", error)
+    values = scale * cells.numbers(given.column)
+    bad = np.flatnonzero(values <= 0.0)
+    if len(bad) and key != "phase":
+        where = cells.where(given.column, int(bad[0]))
+        raise UserError(f"{where} is not above 0: remove the row or correct the unit")
+    return values
+
+
+def _frequencies(section: Section, cells: Columns, given: Frequency) -> Array:
     """[rad/s]."""
     try:
         angular = "rad" in exponents(given.unit)[1]
     except UserError as error:
         section.fail("frequency.unit", error)
     unit, size = ("rad/s", 1.0) if angular else ("Hz", 2.0 * math.pi)
-    scale = size * _factor(section, "frequency", given.unit, unit)
-    return scale * _positive(columns, given.column, columns.numbers(given.column))
+    return size * _numbers(section, "frequency", cells, given, unit)
 
 
-def _gain(section: Section, given: Gain, columns: Columns, unit: str) -> Array:
+def _gains(section: Section, cells: Columns, given: Gain, unit: str) -> Array:
     """SI output per SI input."""
-    values = columns.numbers(given.column)
     if given.unit != "dB":
-        scale = _factor(section, "gain", given.unit or unit, unit)
-        return _positive(columns, given.column, scale * values)
+        return _numbers(section, "gain", cells, given, unit)
     try:
-        return np.asarray(parse(given.reference, unit) * 10.0 ** (values / 20.0))
+        reference = parse(given.reference, unit)
     except UserError as error:
         section.fail("gain.reference", error)
-
-
-def _factor(section: Section, key: str, unit: str, other: str) -> float:
-    try:
-        return factor(unit, other)
-    except UserError as error:
-        section.fail(f"{key}.unit", error)
-
-
-def _positive(columns: Columns, column: str | int, values: Array) -> Array:
-    bad = np.flatnonzero(values <= 0.0)
-    if len(bad):
-        where = columns.where(column, int(bad[0]))
-        raise UserError(f"{where} is not above 0: remove the row or correct the unit")
-    return values
+    return np.asarray(reference * 10.0 ** (cells.numbers(given.column) / 20.0))
 
 
 def sweep_of_sines(logs: Sequence[Log], source: str, output: str) -> Sweep:
@@ -218,20 +206,18 @@ def _sine(log: Log, source: str, output: str) -> tuple[float, complex, float]:
     spectrum = np.abs(np.fft.rfft(np.interp(grid, times, u - np.mean(u))))
     line = 2.0 * math.pi / (step * len(times))
     peak = line * float(np.argmax(spectrum))
-    best = minimize_scalar(
+    frequency = minimize_scalar(
         lambda w: fundamental(times, u, w)[1],
         bounds=(max(peak - line, 0.5 * line), peak + line),
         method="bounded",
         options={"xatol": 1e-7 * line},
-    )
-    frequency = float(best.x)
+    ).x
     if frequency * (times[-1] - times[0]) < 4.0 * math.pi:
         raise UserError(
             f"log '{log.name}': less than two periods of a sine in the second half of the log:"
             " record longer"
         )
-    drive, _ = fundamental(times, u, frequency)
-    answer, noise = fundamental(times, y, frequency)
+    (drive, _), (answer, noise) = (fundamental(times, values, frequency) for values in (u, y))
     error = noise * math.sqrt(2.0 / len(times)) / abs(answer)
-    held = hold(np.array([frequency]), step)[0]
-    return frequency, complex(answer / (drive * held)), max(error, 1e-4)
+    held = complex(hold(frequency, step))
+    return float(frequency), answer / (drive * held), max(error, 1e-4)
