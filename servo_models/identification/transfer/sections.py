@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -66,65 +66,54 @@ def _report(result: TransferResult, date: str = "") -> Report:
     constants = list(result.constants.constants.values()) if result.constants else []
     text = "Where a record excites it, its spectrum stands beside the function."
     bode = Picture(BODE, partial(_bode, result), text, rows=2, height=5.0, shared=True)
+    records = [data for data in result.measurements if isinstance(data, Record)]
+    shares = [("fitted", chosen.fit), ("held-out", chosen.held_out)]
+    described = [f"{_share(s)} of the {name} samples" for name, s in shares if s is not None]
+    if chosen.white is not None:
+        described.append(f"residuals white: {_passed(chosen.white)}")
     faults = sum(bool(c.fault) for c in result.candidates)
     verdicts = f"{len(result.candidates)} tried, {faults} with a fault of poles or zeros"
+    cards = [
+        Card("function", "\n".join(described) or "fitted to frequency responses", section=BODE),
+        Card("candidates", verdicts, section=CANDIDATES),
+    ]
+    if constants:
+        values = [f"{c.name} {Quantity(c.value, error=c.standard_error)}" for c in constants]
+        lines = [v + ", not determined" * (not c.determined) for v, c in zip(values, constants)]
+        passed = None if all(c.determined for c in constants) else False
+        cards.append(Card("constants", "\n".join(lines), passed, CONSTANTS))
     tables = {
         "Coefficients": _coefficients(chosen),
         "Poles and zeros": _roots(chosen.function),
         CONSTANTS: _constants(constants),
-        CANDIDATES: _candidates(result),
+        CANDIDATES: _candidates(result, [record.name for record in records]),
     }
     report = Report(
         title=f"Transfer function from {source.name} [{source.unit}] to {output.name}"
         f" [{output.unit}]",
         sentence=f"{chosen.name}: G(s) = {chosen.function}",
-        cards=(
-            Card("function", _fits(chosen), section=BODE),
-            Card("candidates", verdicts, section=CANDIDATES),
-            *_constants_card(constants),
-        ),
+        cards=tuple(cards),
         remarks=tuple(f"Warning: {warning}." for warning in result.warnings),
         sections=(
             Section(BODE, pictures=(bode,)),
             *(Section(title, tables=(table,), folded=True) for title, table in tables.items()),
-            Section("Responses", pictures=tuple(_responses(result)), folded=True),
+            Section("Responses", pictures=tuple(_picture(result, r) for r in records), folded=True),
         ),
         date=date,
     )
     return judged(report, result.warnings)
 
 
-def _fits(chosen: Candidate) -> str:
-    """How much of the data the function describes."""
-    shares = [("fitted", chosen.fit), ("held-out", chosen.held_out)]
-    lines = [f"{_share(s)} of the {name} samples" for name, s in shares if s is not None]
-    if chosen.white is not None:
-        lines.append(f"residuals white: {_passed(chosen.white)}")
-    return "\n".join(lines) or "fitted to frequency responses"
-
-
-def _constants_card(constants: Sequence[Constant]) -> Iterator[Card]:
-    lines = [
-        f"{c.name} {Quantity(c.value, error=c.standard_error)}"
-        f"{'' if c.determined else ', not determined'}"
-        for c in constants
-    ]
-    if lines:
-        determined = all(c.determined for c in constants)
-        yield Card("constants", "\n".join(lines), None if determined else False, CONSTANTS)
-
-
 def _coefficients(chosen: Candidate) -> Table:
-    errors, structure = chosen.standard_errors, chosen.function.structure
+    """Nothing for a function that was given."""
+    structure, errors = chosen.function.structure, chosen.standard_errors
     powers = ["1", "s", *(f"s^{k}" for k in range(2, structure.poles))]
     names = [f"numerator, {power}" for power in powers[structure.zeros :: -1]]
     names += [f"denominator, {power}" for power in powers[structure.poles - 1 :: -1]]
-    names += ["delay [s]"]
+    pairs = zip(chosen.function.coefficients.tolist(), [] if errors is None else errors.tolist())
     rows = tuple(
         (name, Quantity(value, error=error), f"{100.0 * error / abs(value):.2g} %")
-        for name, value, error in zip(
-            names, chosen.function.coefficients.tolist(), [] if errors is None else errors.tolist()
-        )
+        for name, (value, error) in zip([*names, "delay [s]"], pairs)
     )
     return Table("", ("coefficient", f"value {ERROR} error", "error"), rows)
 
@@ -143,23 +132,22 @@ def _roots(function: TransferFunction) -> Table:
 def _constants(constants: Sequence[Constant]) -> Table:
     rows = []
     for c in constants:
-        half = 1.96 * c.standard_error if c.standard_error is not None else 0.0
+        half = 1.96 * (c.standard_error or 0.0)
         limits = (c.value - half, c.value + half) if half else None
         shown = Quantity(c.value, error=c.standard_error, interval=limits, digits=5)
         rows.append((c.name, shown, "" if c.determined else Mark("not determined", False)))
     return Table("", ("constant, SI", f"value {ERROR} error (95 % interval)", ""), tuple(rows))
 
 
-def _candidates(result: TransferResult) -> Table:
+def _candidates(result: TransferResult, records: Sequence[str]) -> Table:
     candidates, unit = result.candidates, result.output.display or result.output.unit
     scale = factor(result.output.unit, unit)
-    records = [data.name for data in result.measurements if isinstance(data, Record)]
     aic, bic = min(c.aic for c in candidates), min(c.bic for c in candidates)
     hidden = any(c.held_out is not None for c in candidates)
-
-    def row(c: Candidate) -> tuple[Cell, ...]:
+    rows: list[tuple[Cell, ...]] = []
+    for c in candidates:
         rms = [scale * c.rms[name] for name in records if name in c.rms]
-        return (
+        row = (
             c.name,
             _share(c.fit),
             Quantity(float(np.sqrt(np.mean(np.square(rms)))), unit) if rms else None,
@@ -170,10 +158,10 @@ def _candidates(result: TransferResult) -> Table:
             _passed(c.independent),
             Mark(f"rejected: {c.reason}", None) if c.reason else Mark("chosen", True),
         )
-
+        rows.append(row)
     judgements = ("AIC above least", "BIC above least", "white", "free of input", "verdict")
     columns = ("structure", "fit", "RMS", *["held out"] * hidden, *judgements)
-    return Table("", columns, tuple(map(row, candidates)))
+    return Table("", columns, tuple(rows))
 
 
 def _share(part: float | None) -> Quantity | None:
@@ -195,26 +183,27 @@ def _bode(result: TransferResult, axes: Sequence[Axes]) -> None:
     spectra = _spectra(result)
     every = np.concatenate([w for w, _ in [*sweeps, *spectra]] or [np.abs(function.poles)])
     low, high = np.log10(every.min() / 1.5), np.log10(every.max() * 1.5)  # beyond the data
-    slow, shown = np.logspace(low - 4.0, low, 400), np.logspace(low, high, 500)
-    w = np.concatenate([slow, shown])
+    w = np.concatenate([np.logspace(low - 4.0, low, 400), np.logspace(low, high, 500)])
     turned = np.unwrap(np.angle(function.response(w)))  # from where it has not turned yet
     unit_in, unit_out = (wire.display or wire.unit for wire in (result.source, result.output))
     scale = factor(result.output.unit, unit_out) / factor(result.source.unit, unit_in)
 
-    def draw(w: Array, values: Complex, phases: Array, **style: Any) -> None:
+    def draw(label: str, w: Array, values: Complex, phases: Array, **look: Any) -> None:
         hertz = w / (2.0 * np.pi)
-        gain.plot(hertz, 20.0 * np.log10(np.abs(scale * values)), **style)
-        phase.plot(hertz, np.degrees(phases), **style)
+        gain.plot(hertz, 20.0 * np.log10(np.abs(scale * values)), label=label, **look)
+        phase.plot(hertz, np.degrees(phases), **look)
 
-    groups = (("records", spectra, "orange", "."), ("sweep", sweeps, "green", "o"))
-    for label, group, series, marker in groups:
-        for k, (points, values) in enumerate(group):
+    for label, pairs, series, marker in (
+        ("records", spectra, "orange", "."),
+        ("sweep", sweeps, "green", "o"),
+    ):
+        if pairs:
+            points, values = map(np.concatenate, zip(*pairs))
             off = np.angle(values / function.response(points))
             near = np.interp(np.log(points), np.log(w), turned) + off
             look = {"ls": "", "marker": marker, "color": colour(series), "mfc": "none"}
-            draw(points, values, near, label=label if k == 0 else None, **look)
-    style = {"color": colour("blue"), "label": "chosen"}
-    draw(shown, function.response(shown), turned[len(slow) :], **style)
+            draw(label, points, values, near, **look)
+    draw("chosen", w[400:], function.response(w[400:]), turned[400:], color=colour("blue"))
     gain.set(xscale="log", ylabel=f"gain [dB re 1 {unit_out}/{unit_in}]")
     phase.set(ylabel="phase [deg]", xlabel="frequency [Hz]")
     phase.yaxis.set_major_locator(MultipleLocator(90.0))
@@ -226,39 +215,36 @@ def _spectra(result: TransferResult) -> list[tuple[Array, Complex]]:
     """Frequencies [rad/s] and response, SI, where the records excite it, with the hold of their
     inputs taken out."""
     records = [r for r in result.measurements if isinstance(r, Record)]
-    if not records:
-        return []
-    function = result.chosen.function
-    spectra = [Spectra(r.times, r.given, r.measured, r.response(function)) for r in records]
-    step = max(r.step for r in records)
-    measured = empirical(spectra, step)
+    spectra = [
+        Spectra(r.times, r.given, r.measured, r.response(result.chosen.function)) for r in records
+    ]
+    step = max((r.step for r in records), default=0.0)
+    measured = empirical(spectra, step) if spectra else None
     if measured is None:
         return []
     frequencies = 2.0 * np.pi * measured.hertz
     return [(frequencies, measured.measured / hold(frequencies, step))]
 
 
-def _responses(result: TransferResult) -> Iterator[Picture]:
-    """Every record with the response of the chosen function, and the error."""
-    for data in result.measurements:
-        if isinstance(data, Record):
-            title = f"'{data.name}': measured, and as '{result.chosen.name}' has it"
-            shaded = "; shaded: held out" if data.held_out.any() else ""
-            draw = partial(_response, data, result)
-            yield Picture(f"{title}{shaded}", draw, rows=2, height=5.0, shared=True)
-
-
-def _response(record: Record, result: TransferResult, axes: Sequence[Axes]) -> None:
-    wire, (curves, error) = result.output, axes
-    unit = wire.display or wire.unit
+def _picture(result: TransferResult, record: Record) -> Picture:
+    """A record with the response of the chosen function, and the error."""
+    wire, unit = result.output, result.output.display or result.output.unit
     scale = factor(wire.unit, unit)
-    modelled = record.response(result.chosen.function)
-    draw_curve(curves, record.times, scale * record.measured, "measured", MEASURED)
-    draw_curve(curves, record.times, scale * modelled, "chosen", JUDGED)
-    draw_curve(error, record.times, scale * (modelled - record.measured), "chosen", JUDGED)
-    error.axhline(0.0, color=colour("muted"), lw=0.8)
-    for panel in axes:
-        shade(panel, record.times, record.held_out)
-    draw_legend(curves, 2)
-    curves.set_ylabel(f"{words(wire.name)} [{unit}]", parse_math=False)
-    error.set(ylabel=f"error [{unit}]", xlabel="time [s]")
+
+    def draw(axes: Sequence[Axes]) -> None:
+        curves, error = axes
+        modelled = record.response(result.chosen.function)
+        draw_curve(curves, record.times, scale * record.measured, "measured", MEASURED)
+        draw_curve(curves, record.times, scale * modelled, "chosen", JUDGED)
+        draw_curve(error, record.times, scale * (modelled - record.measured), "chosen", JUDGED)
+        error.axhline(0.0, color=colour("muted"), lw=0.8)
+        for panel in axes:
+            shade(panel, record.times, record.held_out)
+        draw_legend(curves, 2)
+        curves.set_ylabel(f"{words(wire.name)} [{unit}]", parse_math=False)
+        error.set_ylabel(f"error [{unit}]", parse_math=False)
+        error.set_xlabel("time [s]")
+
+    title = f"'{record.name}': measured, and as '{result.chosen.name}' has it"
+    shaded = "; shaded: held out" * bool(record.held_out.any())
+    return Picture(f"{title}{shaded}", draw, rows=2, height=5.0, shared=True)
