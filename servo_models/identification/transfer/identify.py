@@ -18,7 +18,7 @@ import numpy as np
 from servo_models.analysis.statistics import dependence, inflation, whiteness
 from servo_models.core.plant import GreyBox, Wire, unknown
 from servo_models.core.simulate import Model
-from servo_models.core.types import Array, Complex, Mask
+from servo_models.core.types import Array, Complex
 from servo_models.data.log import Log
 from servo_models.errors import UserError
 from servo_models.identification.grey_box import Constant, PhysicalConstants, physical_constants
@@ -80,21 +80,19 @@ class Candidate:
     ) -> Candidate:
         """Compare a function with all measurements."""
         with np.errstate(all="ignore"):
-            errors = {data.name: data.errors(function, False)[0] for data in measurements}
-        records = [data for data in measurements if isinstance(data, Record)]
-        judged = [r for r in records if r.fitted.any()]
-        white = [whiteness(errors[r.name], r.fitted) for r in judged]
-        independent = [dependence(errors[r.name], r.given, r.fitted) for r in judged]
+            every = [(data, data.errors(function, False)[0]) for data in measurements]
+        records = [(data, errors) for data, errors in every if isinstance(data, Record)]
+        judged = [(r.given, errors, r.fitted) for r, errors in records if r.fitted.any()]
         return cls(
             name,
             function,
             covariance,
-            errors={data.name: errors[data.name][data.fitted] for data in measurements},
-            held_out_errors={data.name: errors[data.name][~data.fitted] for data in measurements},
-            fit=_described([(r.measured, errors[r.name], r.fitted) for r in records]),
-            held_out=_described([(r.measured, errors[r.name], r.held_out) for r in records]),
-            white=min(white, default=None),
-            independent=min(independent, default=None),
+            errors={data.name: errors[data.fitted] for data, errors in every},
+            held_out_errors={data.name: errors[~data.fitted] for data, errors in every},
+            fit=_described([(r.measured[r.fitted], e[r.fitted]) for r, e in records]),
+            held_out=_described([(r.measured[r.held_out], e[r.held_out]) for r, e in records]),
+            white=min((whiteness(e, rows) for _, e, rows in judged), default=None),
+            independent=min((dependence(e, u, rows) for u, e, rows in judged), default=None),
         )
 
     @property
@@ -112,11 +110,10 @@ class Candidate:
         return {name: _rms(e) for name, e in self.errors.items() if len(e)}
 
 
-def _described(parts: Sequence[tuple[Array, Array, Mask]]) -> float | None:
-    """1 - norm of the errors over norm of the movement, over all (measured, errors, rows)."""
-    used = [(y[rows], error[rows]) for y, error, rows in parts if np.any(rows)]
-    missed = sum(float(np.sum(error**2)) for _, error in used)
-    moved = sum(float(np.sum((y - np.mean(y)) ** 2)) for y, _ in used)
+def _described(pairs: Sequence[tuple[Array, Array]]) -> float | None:
+    """1 - norm of the errors over norm of the movement, over all (measured, errors)."""
+    missed = sum(float(np.sum(errors**2)) for _, errors in pairs)
+    moved = sum(float(np.sum((y - np.mean(y)) ** 2)) for y, _ in pairs if len(y))
     return 1.0 - float(np.sqrt(missed / moved)) if moved > 0.0 else None
 
 
@@ -153,14 +150,11 @@ def identify_transfer(
 ) -> TransferResult:
     """Identify the transfer function between two signals of an actuator.
 
+    Logs and sweeps are fitted together, each weighted by its own noise; what is held out scores.
+
     Args:
-        logs: time records; ``held_out`` samples score, all others fit.
-        sweeps: frequency responses; fitted together with the logs, each weighted by its
-            own noise.
         model: says what the signals are, and the known constants of a grey box.
-        source, output: names of input and output; default the actuator's main input and
-            first output.
-        structures: to be fitted.
+        source, output: default the actuator's main input and first output.
         given: transfer functions to be judged beside the fitted ones, SI.
         known_errors: standard errors of the grey box's known constants, SI by parameter.
         progress: is told the name of each structure before its fit.
@@ -169,54 +163,54 @@ def identify_transfer(
         UserError: an unknown signal, no data of it, or no structure that is fit for use.
     """
     plant, place = model.plant, f"actuator '{model.actuator.name}'"
-    inputs = {wire.name: wire for wire in plant.inputs}
-    outputs = {name: plant.wire[name] for name in plant.outputs}
     source, output = source or model.actuator.step[0], output or plant.outputs[0]
+    inputs = {wire.name: wire for wire in plant.inputs}
     if source not in inputs:
         raise UserError(unknown("input", source, inputs, place))
-    if output not in outputs:
-        raise UserError(unknown("output", output, outputs, place))
+    if output not in plant.outputs:
+        raise UserError(unknown("output", output, plant.outputs, place))
     rest = inputs[source].rest
     rest = rest if isinstance(rest, float) else 0.0
-    measurements: list[Measurement] = [Record.of(log, source, output, rest) for log in logs]
-    measurements += [s for s in sweeps if (s.source, s.output) == (source, output)]
-    if not any(data.fitted.any() for data in measurements):
+    chosen_sweeps = [s for s in sweeps if (s.source, s.output) == (source, output)]
+    measurements: tuple[Measurement, ...] = (
+        *(Record.of(log, source, output, rest) for log in logs),
+        *chosen_sweeps,
+    )
+    used = [data for data in measurements if data.fitted.any()]
+    if not used:
         raise UserError(
             f"nothing to fit from '{source}' to '{output}': give a log or a sweep of them that is"
             " not held out"
         )
-    longest = max((float(e.times[-1]) for e in measurements if isinstance(e, Record)), default=None)
-    used = [data for data in measurements if data.fitted.any()]
-    tried = [Candidate.of(n, f, None, measurements) for n, f in (given or {}).items()]
     fits, interrupted = _fits(structures, used, progress)
+    tried = [Candidate.of(n, f, None, measurements) for n, f in (given or {}).items()]
     tried += [Candidate.of(str(s), *fitted, measurements) for s, fitted in fits.items()]
+    longest = max((float(e.times[-1]) for e in measurements if isinstance(e, Record)), default=None)
     candidates = choose(tried, measurements, longest)
     chosen = next(c for c in candidates if not c.reason)
-    box = model.actuator.grey_box
-    constants, doubts = None, list[str]()
+    told = [
+        f"'{sweep.name}' is from '{sweep.source}' to '{sweep.output}', and is left out of what is"
+        f" fitted from '{source}' to '{output}'"
+        for sweep in sweeps
+        if sweep not in chosen_sweeps
+    ]
+    if interrupted:
+        text = "interrupted: larger structures were not tried; the best of the others is chosen"
+        told.insert(0, Doubt(text))
+    told += warnings(chosen, candidates, longest)
+    constants, box = None, model.actuator.grey_box
     if box and (box.source, box.output) == (source, output):
         constants, doubts = _constants(model, box, candidates, chosen, known_errors)
-    told = "interrupted: larger structures were not tried; the best of the others is chosen"
+        told += [*doubts, *(constants.warnings if constants else ())]
     return TransferResult(
         inputs[source],
-        outputs[output],
-        tuple(measurements),
+        plant.wire[output],
+        measurements,
         tuple(candidates),
         chosen,
         constants,
-        warnings=(
-            *[Doubt(told)] * interrupted,
-            *(
-                f"'{sweep.name}' is from '{sweep.source}' to '{sweep.output}', and is left out of"
-                f" what is fitted from '{source}' to '{output}'"
-                for sweep in sweeps
-                if (sweep.source, sweep.output) != (source, output)
-            ),
-            *warnings(chosen, candidates, longest),
-            *doubts,
-            *(constants.warnings if constants else ()),
-        ),
-        interrupted=interrupted,
+        tuple(told),
+        interrupted,
     )
 
 
@@ -298,7 +292,12 @@ def choose(
 ) -> list[Candidate]:
     """Return the candidates with AIC, BIC, faults, and the reasons against all but one; the longest
     record lasts ``longest`` [s], None without records."""
-    checked = [replace(c, fault=_fault(c, longest)) for c in _rated(candidates, measurements)]
+    rated = _rated(candidates, measurements)
+    troubles = [pole_trouble(c.function, longest) for c in rated]
+    checked = [
+        replace(c, fault=trouble or surplus_zero(c.function, c.covariance))
+        for c, trouble in zip(rated, troubles)
+    ]
     sound = [c for c in checked if not c.fault]
     if not sound:
         raise UserError(
@@ -306,10 +305,9 @@ def choose(
             " units of the record, or record longer"
         )
     best = likely = min(sound, key=lambda c: c.bic)
-    hidden = {name: e for name, e in likely.held_out_errors.items() if len(e)}
-    losses: dict[str, Array] = {}
+    hidden = {name: _rms(e) for name, e in likely.held_out_errors.items() if len(e)}
+    noise, losses = hidden | likely.rms, dict[str, Array]()
     if hidden:
-        noise = {name: _rms(e) for name, e in hidden.items()} | likely.rms
         for c in sound:
             joined = np.concatenate([(c.held_out_errors[n] / noise[n]) ** 2 for n in hidden])
             # Neighbours are not independent, so blocks of them are compared.
@@ -330,8 +328,8 @@ def choose(
     def reason(c: Candidate) -> str:
         if c is chosen or c.fault:
             return c.fault
-        if c in good or (c.size > chosen.size and not hidden):
-            more = c.size - chosen.size
+        more = c.size - chosen.size
+        if c in good or (more > 0 and not hidden):
             count = "one coefficient" if more == 1 else f"{more} coefficients"
             ending = f"with {count} more" if more else "which has as many coefficients"
             return f"no better than '{chosen.name}', {ending}"
@@ -344,10 +342,8 @@ def choose(
 
 
 def _rated(candidates: Sequence[Candidate], measurements: Measurements) -> list[Candidate]:
-    """Add AIC and BIC; correlated errors count as fewer independent ones.
-
-    How correlated the noise is, is read off the candidate with the least errors.
-    """
+    """Add AIC and BIC; correlated errors count as fewer independent ones, as correlated as those
+    of the candidate with the least."""
     if not candidates:
         raise UserError("too few samples for any structure: record at least 16")
     names = [data.name for data in measurements if data.fitted.any()]
@@ -390,13 +386,6 @@ def warnings(
         yield f"the residuals of '{chosen.name}' are not white; the standard errors account for it"
 
 
-def _fault(c: Candidate, longest: float | None) -> str:
-    trouble = pole_trouble(c.function, longest)
-    if trouble or c.covariance is None:
-        return trouble
-    return surplus_zero(c.function, c.covariance)
-
-
 def pole_trouble(function: TransferFunction, longest: float | None) -> str:
     """Return why poles are not those of an actuator that the longest record [s] shows, or ""."""
     for pole in sorted(function.poles, key=lambda p: -p.real):
@@ -415,17 +404,18 @@ def pole_trouble(function: TransferFunction, longest: float | None) -> str:
     return ""
 
 
-def surplus_zero(function: TransferFunction, covariance: Array) -> str:
-    """Return which zero is not determined, or cancels a pole, or "".
+def surplus_zero(function: TransferFunction, covariance: Array | None) -> str:
+    """Return which zero is not determined, or cancels a pole, or "", also without a covariance.
 
-    Roots move by dp = -p^i da_i / A'(p); the distance of a pole and a zero is tested against
-    its covariance (Soederstroem).
+    The distance of a pole and a zero is tested against its covariance (Soederstroem).
     """
     from scipy.special import chdtri
 
-    slope, m = np.zeros(len(covariance), dtype=complex), len(function.numerator)
+    if covariance is None:
+        return ""
+    m = len(function.numerator)
     for zero in function.zeros:
-        slope[:] = 0.0
+        slope = np.zeros(len(covariance), dtype=complex)
         slope[:m] = _root_slopes(function.numerator, zero)
         error = float(np.sqrt(np.real(slope.conj() @ covariance @ slope)))
         # The zero of a differentiator is 0: then the slowest pole is the measure.
@@ -447,7 +437,7 @@ def surplus_zero(function: TransferFunction, covariance: Array) -> str:
 
 
 def _root_slopes(polynomial: Sequence[float], root: complex) -> Complex:
-    """Derivatives of a root by the coefficients, highest power first."""
+    """Derivatives -p^i / A'(p) of a root by the coefficients, highest power first."""
     powers = root ** np.arange(len(polynomial))[::-1]
     return np.asarray(-powers / np.polyval(np.polyder(polynomial), root), dtype=complex)
 
