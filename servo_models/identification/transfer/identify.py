@@ -168,7 +168,7 @@ def identify_transfer(
     if source not in inputs:
         raise UserError(unknown("input", source, inputs, place))
     if output not in plant.outputs:
-        raise UserError(unknown("output", output, plant.outputs, place))
+        raise UserError(unknown("output", output, dict.fromkeys(plant.outputs), place))
     rest = inputs[source].rest
     rest = rest if isinstance(rest, float) else 0.0
     chosen_sweeps = [s for s in sweeps if (s.source, s.output) == (source, output)]
