@@ -1,35 +1,9 @@
 """Identify a servo element by element, put its loop together and choose its feedback.
 
-Tables of single elements as a description names them::
-
-    [elements.potentiometer]
-    file = "potentiometer.csv"                       # relative to the description
-    angle = { column = "angle_deg", unit = "deg" }   # columns as in [[logs]]
-    voltage = { column = "U_V", unit = "V" }
-    [elements.amplifier]                             # without load
-    file = "amplifier.csv"
-    input = { column = "U_in", unit = "V" }
-    output = { column = "U_out", unit = "V" }
-    [elements.amplifier_loaded]                      # with load; its gain is taken
-    [elements.motor]                                 # rows in the order they were taken in
-    file = "motor.csv"
-    voltage = { column = "U", unit = "V" }
-    speed = { column = "n", unit = "rpm" }
-    branch = "direction"                             # above 0 where the voltage goes away from
-                                                     # 0; without it the order tells
-    [elements.motor_step]                            # a step of voltage
-    file = "step.csv"
-    time = { column = "t", unit = "s" }
-    speed = { column = "n", unit = "rpm" }
-    voltage = { column = "U", unit = "V" }           # may be left out: no gain then
-    [elements.gears]
-    teeth = [[8, 48], [8, 32]]                       # driving and driven gear of each stage
-    [elements.synthesis]
-    band = "5 %"                                     # within which the servo counts as settled
-    overshoot = "5 %"                                # at most
-    k_f = [0.05, 0.1, 0.18]                          # further rows of the table
-
-Each may be left out: the actuator's variant, with ``[parameters]`` on top, has its value.
+A description has a table of each element, see ``examples/servo_bench/description.toml``; for those
+that it leaves out, the actuator's variant has the values, with ``[parameters]`` on top.  The gain
+with load takes the place of that without.  Rows of the motor stand in the order they were taken in,
+unless a column ``branch`` says, above 0, where the voltage goes away from 0.
 """
 
 from __future__ import annotations
@@ -154,9 +128,8 @@ def identify_elements(description: Description | str | Path) -> ElementsResult:
             _identify(result, element, entries.section(element))
     if not result.figures:
         document.fail("elements", "no element; add [elements.motor] or another one")
-    parts = {name: Estimate.of(model.values[name]) for name in ("motor_gain", *LOOP)}
     given = [name for name in (*LOOP, "motor_gain") if name not in result.estimates]
-    parts |= {name: result.estimates[name] for name in parts if name not in given}
+    parts = {name: Estimate.of(model.values[name]) for name in given} | result.estimates
     dynamic = [f.estimate for f in result.figures if f.name == STEP_GAIN]
     if dynamic:
         parts["motor_gain"] = dynamic[0]

@@ -184,17 +184,16 @@ def synthesise(parts: Mapping[str, Estimate], angle_unit: float, wish: Wish) -> 
     """Put the loop together and choose its feedback coefficient for each band.
 
     Args:
-        parts: the gains of motor, amplifier and potentiometer, time constant and gear ratio,
-            SI by name of the parameter.
+        parts: of the loop, SI by name of the parameter.
         angle_unit: rad of the output per rad of the shaft.
         wish: what it shall be.
     """
-    values = {name: part.value for name, part in parts.items()}
-    forward = values["amplifier_gain"] * values["motor_gain"] * values["potentiometer_gain"]
-    constant = values["motor_time_constant"]
-    loop = Loop(forward * angle_unit / (constant * values["gear_ratio"]), 1.0 / constant)
+    names = ("motor_time_constant", "gear_ratio", "amplifier_gain", "motor_gain")
+    used = [parts[name] for name in (*names, "potentiometer_gain")]
+    constant, ratio, *gains = (part.value for part in used)
+    loop = Loop(math.prod(gains) * angle_unit / (constant * ratio), 1.0 / constant)
     # K_f of a given damping goes with 1 / (c T^2), so each element counts once.
-    error = math.hypot(*(part.standard_error / part.value for part in parts.values()))
+    error = math.hypot(*(part.standard_error / part.value for part in used))
     bands = tuple(dict.fromkeys((wish.band, 0.05, 0.02)))
     best = [loop.best(band, wish.overshoot) for band in bands]
     units = [10.0 ** (math.floor(math.log10(k_f)) - 1) for k_f in best]

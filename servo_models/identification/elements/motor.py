@@ -64,57 +64,39 @@ def motor(
         UserError: one direction only, a side that never turns, or too few rows on a line.
     """
     curve = _fitted(voltage, speed, _rising(voltage) if branch is None else branch > 0.0)
+    (positive, widths), (negative, others) = (_side(curve, k) for k in range(2))
     gain, shift = curve.fit.estimate(lambda v: v[0]), curve.shift
-    sides = [_side(curve, k) for k in range(2)]
-    figures = [Figure("gain K_EN", gain, GAIN, parameter="motor_gain")]
-    for name, sign, side in zip(NAMES, (1.0, -1.0), sides):
-        parameters = {
-            "insensitivity edge": f"edge_{name}",
-            "zero of the line": f"zero_{name}",
-            "top speed": f"top_{name}",
-        }
-        figures.append(Figure(f"gain, {name}", side["gain"], GAIN))
-        for what, estimate in side.items():
-            if what not in ("gain", "width"):
-                unit, parameter = "rad/s" if what == "top speed" else "V", parameters.get(what, "")
-                scaled = estimate.scaled(sign)
-                figures.append(Figure(f"{what}, {name}", scaled, unit, "", parameter, sign))
-    widths = list(dict.fromkeys(side["width"] for side in sides if "width" in side))
-    width = combined(*((0.5, each) for each in widths)) if len(widths) > 1 else None
-    width = width or next(iter(widths), None)
-    if width:
-        text = "hysteresis width at the edges"
-        figures.append(Figure(text, width, "V", "", "hysteresis.half_width", 0.5))
-    if shift:
-        figures.append(Figure("shift of the line, rising to falling", shift, "V"))
-    return figures, [*_doubts(curve, sides, width)]
-
-
-def _doubts(
-    curve: _Curve, sides: list[dict[str, Estimate]], width: Estimate | None
-) -> Iterator[str]:
-    for name, side in zip(NAMES, sides):
-        if "top speed" not in side:
-            yield (
-                f"no {name} voltage reaches a top speed; 'top_{name}' is not identified, add rows"
-                " of higher voltage"
-            )
-    positive, negative = (side["gain"] for side in sides)
-    if positive.contradicts(negative):
-        yield (
-            f"the gains of both sides differ, {positive.value:.5g} and {negative.value:.5g} {GAIN};"
+    figures = [Figure("gain K_EN", gain, GAIN, parameter="motor_gain"), *positive, *negative]
+    doubts = [
+        f"no {name} voltage reaches a top speed; 'top_{name}' is not identified, add rows of higher"
+        " voltage"
+        for name in NAMES
+        if not any(figure.parameter == f"top_{name}" for figure in figures)
+    ]
+    up, down = positive[0].estimate, negative[0].estimate
+    if up.contradicts(down):
+        doubts.append(
+            f"the gains of both sides differ, {up.value:.5g} and {down.value:.5g} {GAIN};"
             " 'motor_gain' is their common one, see effect direction_asymmetry"
         )
     off = (curve.y - curve.line) * (curve.fit.squares > 0.0)
     if any(is_bent(curve.x[rows], off[rows]) for rows in (curve.at(k, LINE) for k in range(2))):
-        yield BENT
-    if not width:
-        yield "one branch only; hysteresis shows with rising and falling voltage"
-    elif curve.shift and width.contradicts(curve.shift):
-        yield (
-            f"between the branches the edges move by {width.value:.3g} V and the line by"
-            f" {curve.shift.value:.3g} V; effect hysteresis moves both alike"
-        )
+        doubts.append(BENT)
+    distinct = list(dict.fromkeys([*widths, *others]))
+    if not distinct:
+        doubts.append("one branch only; hysteresis shows with rising and falling voltage")
+    else:
+        width = combined(*((0.5, each) for each in distinct)) if distinct[1:] else distinct[0]
+        text = "hysteresis width at the edges"
+        figures.append(Figure(text, width, "V", "", "hysteresis.half_width", 0.5))
+        if shift and width.contradicts(shift):
+            doubts.append(
+                f"between the branches the edges move by {width.value:.3g} V and the line by"
+                f" {shift.value:.3g} V; effect hysteresis moves both alike"
+            )
+    if shift:
+        figures.append(Figure("shift of the line, rising to falling", shift, "V"))
+    return figures, doubts
 
 
 def _rising(voltages: Array) -> Mask:
@@ -264,36 +246,38 @@ def _with_corner(curve: _Curve, k: int) -> _Curve | None:
     return None
 
 
-def _side(curve: _Curve, k: int) -> dict[str, Estimate]:
-    """Figures of a side, counted away from 0, by name; those that the table tells."""
+def _side(curve: _Curve, k: int) -> tuple[list[Figure], list[Estimate]]:
+    """Figures of a side that the table tells, its gain first, and the hysteresis at its edges."""
+    name, sign = NAMES[k], (1.0, -1.0)[k]
     on_line, at_top, x = curve.at(k, LINE), curve.at(k, TOP), curve.effective
     alone = linear(np.column_stack([x, np.ones(len(x))])[on_line], curve.y[on_line])
-    edges = [_edge(curve, k, branch) for branch in (1.0, -1.0)]
-    (first, jump), *others = [edge for edge in edges if edge]
-    middle, width = first, None
+    figures = [Figure(f"gain, {name}", alone.estimate(lambda v: v[0]), GAIN)]
+
+    def add(what: str, estimate: Estimate, unit: str = "V", parameter: str = "") -> None:
+        text, shown = f"{what}, {name}", estimate.scaled(sign)
+        figures.append(Figure(text, shown, unit, "", parameter and f"{parameter}_{name}", sign))
+
+    edges = {"edge, rising": _edge(curve, k, 1.0), "edge, falling": _edge(curve, k, -1.0)}
+    known = {what: edge for what, edge in edges.items() if edge}
+    (first, jump), *others = known.values()
+    middle, widths = first, list[Estimate]()
     for second, other in others:
         middle = combined((0.5, first), (0.5, second))
         if jump == other:  # one edge seen twice
             middle = first if jump else curve.zero(k)
-        width = None if jump or other else curve.shift
-        width = width or combined((1.0, first), (-1.0, second))
-    top = saturation = None
+        moved = None if jump or other else curve.shift
+        widths.append(moved or combined((1.0, first), (-1.0, second)))
+    add("insensitivity edge", middle, parameter="edge")
+    for what, (place, _) in known.items():
+        add(what, place)
+    add("zero of the line", curve.zero(k), parameter="zero")
     if np.any(at_top):
-        top = curve.fit.estimate(lambda v: v[4 + k])
         saturation = between(float(x[on_line].max()), float(x[at_top].min()))
         if k in curve.corners:
             saturation = curve.fit.estimate(lambda v: (v[1 + k] + v[4 + k]) / v[0])
-    figures = {
-        "gain": alone.estimate(lambda v: v[0]),
-        "insensitivity edge": middle,
-        "edge, rising": edges[0] and edges[0][0],
-        "edge, falling": edges[1] and edges[1][0],
-        "zero of the line": curve.zero(k),
-        "saturation edge": saturation,
-        "top speed": top,
-        "width": width,
-    }
-    return {name: estimate for name, estimate in figures.items() if estimate}
+        add("saturation edge", saturation)
+        add("top speed", curve.fit.estimate(lambda v: v[4 + k]), "rad/s", "top")
+    return figures, widths
 
 
 def _edge(

@@ -63,6 +63,10 @@ def _report(result: ElementsResult, date: str = "") -> Report:
         f"{number(100.0 * best.overshoot, 3)} % overshoot, bandwidth {number(best.bandwidth)}"
         f" rad/s, phase margin {margin} deg"
     )
+    best_each = [
+        f"{_band(choice.band)}: {_best(choice)}, set to {choice.setting.k_f:g}"
+        for choice in synthesis.choices
+    ]
     text = (
         "Vertical lines: the best K_f for each band. Time constant: to 86.5 % of the step;"
         " bandwidth: to -3 dB."
@@ -80,7 +84,7 @@ def _report(result: ElementsResult, date: str = "") -> Report:
         f" {number(best.settling[band], 3)} s",
         cards=(
             Card("loop", loop, section=LOOP),
-            Card("best K_f", "\n".join(map(_chosen, synthesis.choices)), section=LOOP),
+            Card("best K_f", "\n".join(best_each), section=LOOP),
             Card("elements", "\n".join([*lines[:IN_CARD], *more]), section=PARAMETERS),
         ),
         remarks=(
@@ -98,10 +102,6 @@ def _report(result: ElementsResult, date: str = "") -> Report:
 
 def _best(choice: Choice) -> Quantity:
     return Quantity(choice.optimum.k_f, error=choice.relative_error * choice.optimum.k_f)
-
-
-def _chosen(choice: Choice) -> str:
-    return f"{_band(choice.band)}: {_best(choice)}, set to {choice.setting.k_f:g}"
 
 
 def _quantity(estimate: Estimate, unit: str, display: str, interval: bool = False) -> Quantity:
