@@ -15,7 +15,6 @@ import numpy as np
 from servo_models.analysis.statistics import derivatives
 from servo_models.core.types import Array
 
-CONFIDENCE = 0.95
 FEWEST = 8  # residuals that show a bow or a correlation
 BENT = "straight pieces say too little, what they leave over is no chance"
 
@@ -35,7 +34,7 @@ class Estimate:
         """The interval is that of Student's t."""
         from scipy.special import stdtrit
 
-        half = float(stdtrit(min(freedom, 1e9), 0.5 + 0.5 * CONFIDENCE)) * error
+        half = float(stdtrit(min(freedom, 1e9), 0.975)) * error
         return cls(value, error, value - half, value + half)
 
     def scaled(self, by: float) -> Estimate:
@@ -53,8 +52,7 @@ class Estimate:
 def between(low: float, high: float) -> Estimate:
     """Return an estimate of what lies anywhere between two rows, with equal chance."""
     middle, half = 0.5 * (low + high), 0.5 * abs(high - low)
-    inner = CONFIDENCE * half
-    return Estimate(middle, half / math.sqrt(3.0), middle - inner, middle + inner)
+    return Estimate(middle, half / math.sqrt(3.0), middle - 0.95 * half, middle + 0.95 * half)
 
 
 def combined(*parts: tuple[float, Estimate]) -> Estimate:
@@ -112,13 +110,11 @@ class Fit:
         return Estimate.of(value, error, self.freedom)
 
 
-def fit(model: Callable[..., Array], x: Array, y: Array, start: Sequence[float] | Array) -> Fit:
-    """Fit ``model(x, *unknowns)`` to ``y``, shape (n,), from ``start``, shape (p,)."""
+def fit(model: Callable[[Array], Array], y: Array, start: Sequence[float] | Array) -> Fit:
+    """Fit ``model`` of the unknowns to ``y``, shape (n,), from ``start``, shape (p,)."""
     from scipy.optimize import least_squares
 
-    best = least_squares(
-        lambda unknowns: y - model(x, *unknowns), start, method="lm", x_scale="jac", xtol=1e-12
-    )
+    best = least_squares(lambda v: y - model(v), start, method="lm", x_scale="jac", xtol=1e-12)
     return Fit(best.x, best.jac, _beyond_rounding(best.fun, y))
 
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Sequence
+from functools import partial
 from operator import itemgetter
 
 import numpy as np
@@ -31,8 +32,8 @@ from servo_models.identification.elements.estimate import (
 
 Knees = tuple[int, ...]
 """Which of lower limit, start and end of the dead band, and upper limit there are, ascending."""
-STRAIGHT: Knees = ()
-SHAPES = (STRAIGHT, (0,), (1, 2), (3,), (0, 1, 2), (0, 3), (1, 2, 3), (0, 1, 2, 3))
+SHAPES: tuple[Knees, ...]
+SHAPES = ((), (0,), (1, 2), (3,), (0, 1, 2), (0, 3), (1, 2, 3), (0, 1, 2, 3))
 
 
 def potentiometer(angle: Array, voltage: Array) -> tuple[list[Figure], list[str]]:
@@ -41,7 +42,7 @@ def potentiometer(angle: Array, voltage: Array) -> tuple[list[Figure], list[str]
     Raises:
         UserError: the voltage does not go with the angle at all.
     """
-    line, _ = _best(angle, voltage, [STRAIGHT])
+    line, _ = _best(angle, voltage, SHAPES[:1])
     figures = [
         Figure("gain k_FS", line.estimate(itemgetter(0)), "V/rad", "V/deg", "potentiometer_gain"),
         Figure("angle of 0 V", line.estimate(itemgetter(1)), "rad", "deg"),
@@ -80,21 +81,20 @@ def _is_curved(x: Array, line: Fit) -> bool:
 def _best(x: Array, y: Array, shapes: Sequence[Knees]) -> tuple[Fit, Knees]:
     """Gain, zero and knees of the shape with the least criterion, in which a knee costs 3 ln n."""
     n, fits = len(y), list[tuple[float, Knees, Fit]]()
-    for shape in shapes:
-
-        def model(x: Array, gain: float, zero: float, *knees: float, shape: Knees = shape) -> Array:
-            return gain * (_travel(shape, x, np.array(knees)) - zero)
-
-        for start in _starts(shape, x, y):
-            line = fit(model, x, y, start)
-            score = n * math.log((line.squares + rounding(y)) / n)
-            score += (2 + 3 * len(shape)) * math.log(n)
-            if _is_ordered(line.values[2:], x):
-                fits.append((score, shape, line))
+    for shape, start in [(s, start) for s in shapes for start in _starts(s, x, y)]:
+        line = fit(partial(_output, shape, x), y, start)
+        score = n * math.log((line.squares + rounding(y)) / n) + (2 + 3 * len(shape)) * math.log(n)
+        if _is_ordered(line.values[2:], x):
+            fits.append((score, shape, line))
     if not fits:
         raise UserError("no slope; name another column, or measure over a range")
     _, shape, line = min(fits, key=itemgetter(0))
     return line, shape
+
+
+def _output(shape: Knees, x: Array, unknowns: Array) -> Array:
+    gain, zero = unknowns[:2]
+    return np.asarray(gain * (_travel(shape, x, unknowns[2:]) - zero))
 
 
 def _travel(shape: Knees, x: Array, knees: Array) -> Array:

@@ -322,12 +322,8 @@ def motor_step(
     final = float(np.mean(after[-max(len(after) // 10, 1) :]))
     covered = np.abs(after - after[0]) >= (1.0 - math.exp(-1.0)) * abs(final - after[0])
     slow = math.log(max(since[np.argmax(covered)], since[1]))
-    best = fit(
-        lambda t, final, change, slow: final + change * np.exp(-t * np.exp(-slow)),
-        since,
-        after,
-        [final, after[0] - final, slow],
-    )
+    start = [final, after[0] - final, slow]
+    best = fit(lambda v: v[0] + v[1] * np.exp(-since * np.exp(-v[2])), after, start)
     constant = best.estimate(lambda v: math.exp(v[2]))
     if constant.low <= 0.0 or constant.value > since[-1]:
         raise UserError(
@@ -336,13 +332,13 @@ def motor_step(
     figures = [Figure("time constant T", constant, "s", parameter="motor_time_constant")]
     if voltage is not None:
         before, size = speed[:first], float(np.mean(voltage[first:]))
-        start = Estimate.of(0.0)  # the speed before, if no row shows it
+        initial = Estimate.of(0.0)  # if no row shows it
         if first:
             size -= voltage[0]
-            start = Estimate.of(float(np.mean(before)), best.scatter / math.sqrt(first))
+            initial = Estimate.of(float(np.mean(before)), best.scatter / math.sqrt(first))
         if size == 0.0:
             raise UserError("the voltage is 0 throughout; leave its column out, or correct it")
-        gain = combined((1.0 / size, best.estimate(lambda v: v[0])), (-1.0 / size, start))
+        gain = combined((1.0 / size, best.estimate(lambda v: v[0])), (-1.0 / size, initial))
         figures.append(Figure(STEP_GAIN, gain, GAIN))
     doubt = (
         "the speed is not quite that of a first order, so that the standard errors are too small"
