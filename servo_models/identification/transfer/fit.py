@@ -4,11 +4,7 @@ Maximum likelihood for noise that is white and normal: each record and each freq
 response has a noise level of its own, estimated with the coefficients.  Where the residuals
 of a record are not white, the covariance of the coefficients accounts for it.
 
-It starts from linear regressions of the equation error, filtered by the last estimate of the
-denominator, with a grid of first filters and of delays.
-Sources: Ljung, System Identification, 2nd ed., secs. 7.4, 9.4 and 9.5; Young, Recursive
-Estimation and Time-Series Analysis, 2nd ed., ch. 8, for the filtered regressions; on frequency
-responses they are those of Sanathanan and Koerner, IEEE Trans. AC 8 (1963).
+Sources: Ljung, System Identification, 2nd ed., secs. 7.4, 9.4 and 9.5.
 """
 
 from __future__ import annotations
@@ -24,7 +20,6 @@ from servo_models.core.types import Array
 from servo_models.identification.transfer.functions import Structure, TransferFunction
 from servo_models.identification.transfer.measurements import Measurements, Record, band
 
-LEAST_ANGLE = np.pi - np.arccos(0.02)  # of a damped pole
 Fit = tuple[TransferFunction, Array]
 """A function and the covariance of its coefficients, SI, shape (size, size)."""
 
@@ -55,8 +50,7 @@ def fit(
         if len(measurements) == 1 or np.all(np.abs(problem.noise / before - 1.0) < 0.01):
             break
     function = structure.function(x)
-    # Superfluous poles may run away to any speed, at which nothing can be evaluated.
-    return (function, problem.covariance(x)) if _ranked([function], measurements) else None
+    return (function, problem.covariance(x)) if _is_finite(function, measurements) else None
 
 
 class _Problem:
@@ -131,73 +125,34 @@ class _Problem:
 def _starts(
     structure: Structure, measurements: Measurements, smaller: Sequence[TransferFunction]
 ) -> list[TransferFunction]:
-    """Return starting points, the most promising first."""
+    """Return functions to start from: equal poles anywhere in the band; smaller functions, grown;
+    and the best function without a delay, with parts of its lag for one."""
     low, high = band(measurements)
-    undelayed = [_grow(f, replace(structure, delay=False)) for f in smaller if not f.delay]
-    ranked = _ranked(undelayed, measurements)
-    if not (structure.delay and ranked):
-        rates = np.geomspace(low, high, 6)  # of equal poles
-        filters = [TransferFunction.of([1.0], np.poly([-r] * structure.poles)) for r in rates]
-        ranked = _refined(filters, structure.zeros, measurements)
-    if structure.delay and ranked:
-        longest = min(_lag(ranked[0]), 1.0 / low)
-        moved = [replace(ranked[0], delay=longest * k / 8.0) for k in range(1, 8)]
-        ranked = _refined([_settled(f, high) for f in moved], structure.zeros, measurements)
-    grown = [_grow(function, structure) for function in smaller]
-    return _ranked([*ranked[:2], *grown], measurements)
+    starts = [_grow(function, structure) for function in smaller]
+    for rate in np.geomspace(low, high, 6):
+        bottom, top = np.poly([-rate] * structure.poles), np.zeros(structure.zeros + 1)
+        delay = 0.5 / rate if structure.delay else 0.0
+        gain = measurements[0].gain(TransferFunction.of(bottom[-1:], bottom, delay))
+        top[-1] = gain * bottom[-1]
+        starts.append(TransferFunction.of(top, bottom, delay))
+    if structure.delay:
+        bases = [function for function in smaller if not function.delay]
+        if not bases and (fitted := fit(replace(structure, delay=False), measurements)):
+            bases = [fitted[0]]
+        for base in bases:
+            (*_, a1, a0), (*_, b1, b0) = base.denominator, (0.0, *base.numerator)
+            with np.errstate(all="ignore"):
+                lag = float(np.divide(a1, a0) - np.divide(b1, b0))  # -G'(0) / G(0)
+            longest = min(lag, 1.0 / low) if lag > 0.0 else 1.0 / low
+            starts += [replace(base, delay=longest * part) for part in (0.25, 0.5, 0.75)]
+    return [start for start in starts if _is_finite(start, measurements)]
 
 
-def _ranked(
-    functions: Sequence[TransferFunction], measurements: Measurements
-) -> list[TransferFunction]:
-    """Those that can be evaluated, the least weighted sum of squares first."""
-    costs = []
-    for k, function in enumerate(functions):
-        with np.errstate(all="ignore"):
-            errors = [data.errors(function, False)[0][data.fitted] for data in measurements]
-            parts = [np.sum((e / d.noise_guess) ** 2) for e, d in zip(errors, measurements)]
-        costs.append((float(np.sum(parts)), k))
-    return [functions[k] for cost, k in sorted(costs) if np.isfinite(cost)]
-
-
-def _refined(
-    filters: Sequence[TransferFunction], zeros: int, measurements: Measurements
-) -> list[TransferFunction]:
-    """The best function that each filter leads to, whose delay stays; the best of all first."""
-    best = []
-    for start in filters:
-        filter_, seen = start, list[TransferFunction]()
-        for _ in range(4):
-            pieces = [(data, *data.regression(filter_, zeros)) for data in measurements]
-            left = np.concatenate([y[d.fitted] / d.noise_guess for d, y, _ in pieces])
-            columns = np.concatenate([phi[d.fitted] / d.noise_guess for d, _, phi in pieces])
-            size = np.linalg.norm(columns, axis=0)
-            if not (np.all(np.isfinite(columns / size)) and np.all(np.isfinite(left))):
-                break
-            top, bottom = np.split(
-                np.linalg.lstsq(columns / size, left, rcond=None)[0] / size, [zeros + 1]
-            )
-            seen.append(TransferFunction.of(top, [1.0, *bottom], start.delay))
-            filter_ = _settled(seen[-1], band(measurements)[1])
-        best += _ranked(seen, measurements)[:1]
-    return _ranked(best, measurements)
-
-
-def _settled(function: TransferFunction, high: float) -> TransferFunction:
-    """The same with its poles made stable, damped by 2 %, and not much faster than the data."""
-    poles = np.roots(function.denominator)
-    angle = np.maximum(np.abs(np.angle(-np.abs(poles.real) + 1j * poles.imag)), LEAST_ANGLE)
-    size = np.clip(np.abs(poles), 1e-6 * high, 10.0 * high)
-    bottom = np.real(np.poly(size * np.exp(1j * np.copysign(angle, poles.imag))))
-    return TransferFunction.of(function.numerator, bottom, function.delay)
-
-
-def _lag(function: TransferFunction) -> float:
-    """Delay [s] of slow signals, -G'(0) / G(0); infinite where it is not a positive one."""
-    top, bottom = (0.0, *function.numerator), function.denominator
+def _is_finite(function: TransferFunction, measurements: Measurements) -> bool:
+    """Whether it can be evaluated: superfluous poles may run away to any speed."""
     with np.errstate(all="ignore"):
-        lag = float(np.divide(bottom[-2], bottom[-1]) - np.divide(top[-2], top[-1]))
-    return lag if np.isfinite(lag) and lag > 0.0 else np.inf
+        errors = [data.errors(function, False)[0] for data in measurements]
+    return all(np.all(np.isfinite(each)) for each in errors)
 
 
 def _grow(function: TransferFunction, structure: Structure) -> TransferFunction:

@@ -1,7 +1,6 @@
 """What a transfer function is fitted to: time records and frequency responses.
 
-Both kinds tell how far a function is from the data, with exact derivatives by its coefficients,
-and what the data say about these when the equation error is made linear in them.
+Both kinds tell how far a function is from the data, with exact derivatives by its coefficients.
 
 Responses to held inputs are exact on any grid, with any delay: the delay moves the instants at
 which the input changes, and between instants the matrix exponential goes on.  python-control
@@ -123,17 +122,11 @@ class Record:
         error, _ = self.errors(function, False)
         return np.asarray(self.measured - error)
 
-    def regression(self, filter_: TransferFunction, zeros: int) -> tuple[Array, Array]:
-        """Left side (n,) and regressors (n, size) of the equation, filtered by the denominator of
-        ``filter_`` and delayed by its delay."""
-        chain, scale, units = _chain(filter_)
-        start = np.mean(self.measured[: max(int(np.argmax(self.given != 0.0)), 1)])
-        level = self.measured - start
-        middle = np.append(0.5 * (level[1:] + level[:-1]), 0.0)  # smooth: trapezoidal
-        zu, _ = self._driven(self.given, scale * chain, scale, filter_.delay)
-        zy, _ = self._driven(middle, scale * chain, scale)
-        regressors = np.column_stack([(zu / units)[:, -zeros - 1 :], -zy / units])
-        return self._level(level + zy @ chain[0]), self._level(regressors)
+    def gain(self, function: TransferFunction) -> float:
+        """Return the factor on a function that brings it nearest to what may be fitted."""
+        measured = self._level(self.measured)
+        model = (measured - self.errors(function, False)[0])[self.fitted]
+        return float(model @ measured[self.fitted]) / float(model @ model)
 
     @cached_property
     def _ticks(self) -> tuple[NDArray[np.int64], float]:
@@ -238,21 +231,23 @@ class Sweep:
     def errors(self, function: TransferFunction, delay: bool) -> tuple[Array, Array]:
         """Logarithm of gain [1] first, then phase [rad], each over the point's spread.
 
-        Shapes (2 n,) and (2 n, size), see ``Record.errors``.
+        Shapes (2 n,) and (2 n, size), see ``Record.errors``.  Phases are continuous over the
+        points, so that a delay that is far off still has a slope.
         """
         s, lower, powers = self._powers(function)
         upper = np.polyval(function.numerator, s)
         model = upper / lower * np.exp(-s * function.delay)
         columns = [powers[:, -len(function.numerator) :] / upper[:, None], -powers / lower[:, None]]
         slopes = np.column_stack([*columns, *[-s] * delay])
-        return self._rows(np.log(self.response / model)), -self._rows(slopes)
+        ratio = self.response / model
+        turns = np.unwrap(np.angle(ratio))
+        return self._rows(np.log(np.abs(ratio)) + 1j * turns), -self._rows(slopes)
 
-    def regression(self, filter_: TransferFunction, zeros: int) -> tuple[Array, Array]:
-        """See ``Record.regression``; shapes (2 n,) and (2 n, size)."""
-        s, lower, powers = self._powers(filter_)
-        delayed = (np.exp(-s * filter_.delay) / self.response)[:, None] * powers[:, -zeros - 1 :]
-        columns = np.column_stack([delayed, -powers]) / lower[:, None]
-        return self._rows(s ** powers.shape[1] / lower), self._rows(columns)
+    def gain(self, function: TransferFunction) -> float:
+        """See ``Record.gain``."""
+        ratio = (self.response / function.response(self.frequencies))[~self.held_out]
+        size = float(np.exp(np.mean(np.log(np.abs(ratio)))))
+        return float(np.copysign(size, np.sum(np.cos(np.angle(ratio)))))
 
     def _powers(self, function: TransferFunction) -> tuple[Complex, Complex, Complex]:
         """s, the denominator there, and the powers of s below its highest, that one first."""
