@@ -139,12 +139,8 @@ def _starts(
         bases = [function for function in smaller if not function.delay]
         if not bases and (fitted := fit(replace(structure, delay=False), measurements)):
             bases = [fitted[0]]
-        for base in bases:
-            (*_, a1, a0), (*_, b1, b0) = base.denominator, (0.0, *base.numerator)
-            with np.errstate(all="ignore"):
-                lag = float(np.divide(a1, a0) - np.divide(b1, b0))  # -G'(0) / G(0)
-            longest = min(lag, 1.0 / low) if lag > 0.0 else 1.0 / low
-            starts += [replace(base, delay=longest * part) for part in (0.25, 0.5, 0.75)]
+        delays = 0.5 ** np.arange(1, 9) / low
+        starts += [replace(base, delay=float(delay)) for base in bases for delay in delays]
     return [start for start in starts if _is_finite(start, measurements)]
 
 

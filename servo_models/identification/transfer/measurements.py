@@ -239,9 +239,7 @@ class Sweep:
         model = upper / lower * np.exp(-s * function.delay)
         columns = [powers[:, -len(function.numerator) :] / upper[:, None], -powers / lower[:, None]]
         slopes = np.column_stack([*columns, *[-s] * delay])
-        ratio = self.response / model
-        turns = np.unwrap(np.angle(ratio))
-        return self._rows(np.log(np.abs(ratio)) + 1j * turns), -self._rows(slopes)
+        return self._rows(np.log(self.response / model)), -self._rows(slopes)
 
     def gain(self, function: TransferFunction) -> float:
         """See ``Record.gain``."""
