@@ -132,7 +132,8 @@ def _starts(
     for rate in np.geomspace(low, high, 6):
         bottom, top = np.poly([-rate] * structure.poles), np.zeros(structure.zeros + 1)
         delay = 0.5 / rate if structure.delay else 0.0
-        gain = measurements[0].gain(TransferFunction.of(bottom[-1:], bottom, delay))
+        with np.errstate(all="ignore"):
+            gain = measurements[0].gain(TransferFunction.of(bottom[-1:], bottom, delay))
         top[-1] = gain * bottom[-1]
         starts.append(TransferFunction.of(top, bottom, delay))
     if structure.delay:
@@ -141,7 +142,7 @@ def _starts(
             bases = [fitted[0]]
         delays = 0.5 ** np.arange(1, 9) / low
         starts += [replace(base, delay=float(delay)) for base in bases for delay in delays]
-    return [start for start in starts if _is_finite(start, measurements)]
+    return [f for f in starts if any(f.numerator) and _is_finite(f, measurements)]
 
 
 def _is_finite(function: TransferFunction, measurements: Measurements) -> bool:

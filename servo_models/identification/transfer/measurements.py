@@ -126,7 +126,7 @@ class Record:
         """Return the factor on a function that brings it nearest to what may be fitted."""
         measured = self._level(self.measured)
         model = (measured - self.errors(function, False)[0])[self.fitted]
-        return float(model @ measured[self.fitted]) / float(model @ model)
+        return float(np.divide(model @ measured[self.fitted], model @ model))
 
     @cached_property
     def _ticks(self) -> tuple[NDArray[np.int64], float]:
