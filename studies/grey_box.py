@@ -26,7 +26,8 @@ from servo_models.actuators.torque_motor.variants import GREY_BOX
 from servo_models.core.types import Array
 from servo_models.data.log import Log
 from servo_models.identification.grey_box import physical_constants
-from servo_models.identification.transfer import Structure, identify_transfer
+from servo_models.identification.transfer.functions import Structure
+from servo_models.identification.transfer.identify import identify_transfer
 
 SCATTER = {
     "torque_constant": 0.15,

@@ -32,7 +32,7 @@ from servo_models.data.parameters import (
     write_parameters,
 )
 from servo_models.errors import UserError
-from servo_models.identification.elements import identify_elements
+from servo_models.identification.elements.identify import identify_elements
 from servo_models.identification.fit import fit, fixed_by
 from servo_models.identification.optimise import LOCAL, Progress
 from servo_models.identification.result import FIT, HELD_OUT, Identification, doubts

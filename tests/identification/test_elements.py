@@ -15,10 +15,10 @@ from hypothesis import strategies as st
 
 from servo_models.analysis.compare import overshoot, settling_time, time_to
 from servo_models.core.simulate import model
-from servo_models.identification.elements import Loop, identify_elements
 from servo_models.identification.elements.estimate import BENT, Estimate, Figure
+from servo_models.identification.elements.identify import identify_elements
 from servo_models.identification.elements.lines import amplifier, potentiometer
-from servo_models.identification.elements.loop import REACHED
+from servo_models.identification.elements.loop import REACHED, Loop
 from servo_models.identification.elements.motor import NAMES, motor, motor_step
 from servo_models.report.style import figure
 from servo_models.report.terminal import text

@@ -10,7 +10,7 @@ import pytest
 
 from servo_models.core.types import Array
 from servo_models.errors import UserError
-from servo_models.identification.elements import identify_elements
+from servo_models.identification.elements.identify import identify_elements
 from servo_models.identification.elements.motor import motor_step
 from tests.support.servo_bench import DESCRIPTION, Bench, taken_apart, write
 

@@ -12,15 +12,10 @@ import pytest
 from servo_models import UserError, model, simulate
 from servo_models.actuators.torque_motor.variants import EQ_12, EQ_12_DELAY
 from servo_models.data.schema import read_toml
-from servo_models.identification.transfer import (
-    Structure,
-    Sweep,
-    TransferFunction,
-    identify_transfer,
-    raw_records,
-    read_sweeps,
-    sweep_of_sines,
-)
+from servo_models.identification.transfer.functions import Structure, TransferFunction
+from servo_models.identification.transfer.identify import identify_transfer
+from servo_models.identification.transfer.measurements import Sweep
+from servo_models.identification.transfer.sweeps import raw_records, read_sweeps, sweep_of_sines
 from servo_models.validation.torque_motor.reference import TABLE_1
 from tests.support.transfer_logs import DT, EQUATION_12, MOTOR, log
 

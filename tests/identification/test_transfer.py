@@ -15,17 +15,16 @@ from servo_models import UserError, model, simulate
 from servo_models.actuators.torque_motor.variants import EQ_12, EQ_12_DELAY
 from servo_models.core.types import Array
 from servo_models.data.log import Log
-from servo_models.identification.transfer import (
-    STRUCTURES,
-    Record,
-    Structure,
-    Sweep,
-    TransferFunction,
+from servo_models.identification.transfer.fit import fit
+from servo_models.identification.transfer.functions import STRUCTURES, Structure, TransferFunction
+from servo_models.identification.transfer.identify import (
+    Candidate,
     TransferResult,
     identify_transfer,
+    pole_trouble,
+    surplus_zero,
 )
-from servo_models.identification.transfer.fit import fit
-from servo_models.identification.transfer.identify import Candidate, pole_trouble, surplus_zero
+from servo_models.identification.transfer.measurements import Record, Sweep
 from servo_models.report.style import figure
 from servo_models.validation.solvers import LinearSystem, changes
 from tests.support.transfer_logs import DT, EQUATION_12, MOTOR, log

@@ -11,9 +11,7 @@ from servo_models import model
 from servo_models.actuators.torque_motor.variants import EQ_12, EQ_12_DELAY
 from servo_models.core.types import Array
 from servo_models.data.log import Log
-from servo_models.identification.transfer import (
-    TransferFunction,
-)
+from servo_models.identification.transfer.functions import TransferFunction
 from tests.support.logs import log_of
 
 MOTOR = model("torque_motor", "identified", {"end_stops.half_range": 0.0})
