@@ -9,7 +9,6 @@ Sources: Ljung, System Identification, 2nd ed., secs. 7.4, 9.4 and 9.5.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -27,19 +26,15 @@ Fit = tuple[TransferFunction, Array]
 def fit(
     structure: Structure,
     measurements: Measurements,
-    smaller: Sequence[TransferFunction] = (),
+    undelayed: TransferFunction | None = None,
 ) -> Fit | None:
     """Return the best fit over all starts, None where none is finite.
 
-    A delay is at most one over the lowest frequency that the data speak of.
-
-    Args:
-        structure: to be fitted.
-        measurements: each with rows to be fitted.
-        smaller: fitted functions of structures that this one contains.
+    Every measurement has rows to be fitted.  A delay is at most one over the lowest frequency that
+    the data speak of; the search for one begins with the best function without it, ``undelayed``.
     """
     problem = _Problem(structure, measurements)
-    starts = _starts(structure, measurements, smaller)
+    starts = _starts(structure, measurements, undelayed)
     if not starts:
         return None
     scouted = [problem.descend(start.coefficients, evaluations=12) for start in starts]
@@ -123,12 +118,12 @@ class _Problem:
 
 
 def _starts(
-    structure: Structure, measurements: Measurements, smaller: Sequence[TransferFunction]
+    structure: Structure, measurements: Measurements, undelayed: TransferFunction | None
 ) -> list[TransferFunction]:
-    """Return functions to start from: equal poles anywhere in the band; smaller functions, grown;
-    and the best function without a delay, with parts of its lag for one."""
+    """Return functions to start from: equal poles anywhere in the band, and the best function
+    without a delay, with any delay."""
     low, high = band(measurements)
-    starts = [_grow(function, structure) for function in smaller]
+    starts = list[TransferFunction]()
     for rate in np.geomspace(low, high, 6):
         bottom, top = np.poly([-rate] * structure.poles), np.zeros(structure.zeros + 1)
         delay = 0.5 / rate if structure.delay else 0.0
@@ -136,12 +131,12 @@ def _starts(
             gain = measurements[0].gain(TransferFunction.of(bottom[-1:], bottom, delay))
         top[-1] = gain * bottom[-1]
         starts.append(TransferFunction.of(top, bottom, delay))
-    if structure.delay:
-        bases = [function for function in smaller if not function.delay]
-        if not bases and (fitted := fit(replace(structure, delay=False), measurements)):
-            bases = [fitted[0]]
-        delays = 0.5 ** np.arange(1, 9) / low
-        starts += [replace(base, delay=float(delay)) for base in bases for delay in delays]
+    if structure.delay and not undelayed:
+        fitted = fit(replace(structure, delay=False), measurements)
+        undelayed = fitted[0] if fitted else None
+    if structure.delay and undelayed:
+        delays = (0.5 ** np.arange(1, 9) / low).tolist()
+        starts += [replace(undelayed, delay=delay) for delay in delays]
     return [f for f in starts if any(f.numerator) and _is_finite(f, measurements)]
 
 
@@ -150,15 +145,3 @@ def _is_finite(function: TransferFunction, measurements: Measurements) -> bool:
     with np.errstate(all="ignore"):
         errors = [data.errors(function, False)[0] for data in measurements]
     return all(np.all(np.isfinite(each)) for each in errors)
-
-
-def _grow(function: TransferFunction, structure: Structure) -> TransferFunction:
-    """The same function in a larger structure; an added pole is far faster than all before."""
-    top, bottom = np.array(function.numerator), np.array(function.denominator)
-    for _ in range(structure.poles - function.structure.poles):
-        pole = 5.0 * float(np.max(np.abs(np.roots(bottom))))
-        bottom, top = np.polymul(bottom, [1.0, pole]), pole * top
-    top = np.append(np.zeros(structure.zeros - function.structure.zeros), top)
-    fastest = float(np.max(np.abs(np.roots(bottom))))
-    delay = function.delay or (1e-3 / fastest if structure.delay else 0.0)
-    return TransferFunction.of(top, bottom, delay)

@@ -219,22 +219,17 @@ def _fits(
     measurements: Measurements,
     progress: Callable[[str], None],
 ) -> tuple[dict[Structure, Fit], bool]:
-    """Fit every structure, the small ones first since they are starts of the larger ones.
-
-    Whoever interrupts gets those that are done, and True.
-    """
+    """Fit every structure, the small ones first; whoever interrupts gets those that are done, and
+    True."""
     rows = min(int(np.sum(data.fitted)) for data in measurements)
     done: dict[Structure, Fit] = {}
     for structure in sorted(structures, key=lambda s: (s.poles, s.delay, s.zeros)):
         if structure.size >= rows:
             continue
-        n, m = structure.poles, structure.zeros
-        parents = [replace(structure, poles=n - 1), replace(structure, zeros=m - 1)]
-        parents += [replace(structure, delay=False)] if structure.delay else []
         try:
             progress(str(structure))
-            smaller = [done[parent][0] for parent in parents if parent in done]
-            fitted = fit(structure, measurements, smaller)
+            undelayed, _ = done.get(replace(structure, delay=False), (None, None))
+            fitted = fit(structure, measurements, undelayed)
         except KeyboardInterrupt:
             if not done:
                 raise
