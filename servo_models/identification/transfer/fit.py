@@ -37,7 +37,7 @@ def fit(
     starts = _starts(structure, measurements, undelayed)
     if not starts:
         return None
-    scouted = [problem.descend(start.coefficients, evaluations=12) for start in starts]
+    scouted = [problem.descend(start.coefficients, evaluations=25) for start in starts]
     x = min(scouted, key=problem.unlikelihood)
     for _ in range(6):  # coefficients given noise levels, then noise levels given coefficients
         x = problem.descend(x, evaluations=60)
@@ -135,7 +135,7 @@ def _starts(
         fitted = fit(replace(structure, delay=False), measurements)
         undelayed = fitted[0] if fitted else None
     if structure.delay and undelayed:
-        delays = (0.5 ** np.arange(1, 9) / low).tolist()
+        delays = (0.7 ** np.arange(1, 15) / low).tolist()
         starts += [replace(undelayed, delay=delay) for delay in delays]
     return [f for f in starts if any(f.numerator) and _is_finite(f, measurements)]
 

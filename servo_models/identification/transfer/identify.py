@@ -412,7 +412,7 @@ def surplus_zero(function: TransferFunction, covariance: Array | None) -> str:
     for zero in function.zeros:
         slope = np.zeros(len(covariance), dtype=complex)
         slope[:m] = _root_slopes(function.numerator, zero)
-        error = float(np.sqrt(np.real(slope.conj() @ covariance @ slope)))
+        error = max(float(np.real(slope.conj() @ covariance @ slope)), 0.0) ** 0.5
         # The zero of a differentiator is 0: then the slowest pole is the measure.
         if error > 0.5 * max(abs(zero), float(np.min(np.abs(function.poles)))):
             return f"the zero at {_shown(zero)} rad/s is not determined: standard error {error:.2g}"
