@@ -32,10 +32,8 @@ DASHED: dict[str, Any] = {"lw": 0.8, "ls": (0, (4, 3))}
 
 @document_of.register(ElementsResult)
 def _document(result: ElementsResult) -> dict[str, Any]:
-    kept = ("element", "name", "estimate", "unit", "file", "display")
-    figures = [asdict(figure) for figure in result.figures]
     return {
-        "figures": [{key: figure[key] for key in kept} for figure in figures],
+        "figures": [asdict(figure) for figure in result.figures],
         "parameters": {name: asdict(estimate) for name, estimate in result.estimates.items()},
         "choices": [asdict(choice) for choice in result.synthesis.choices],
         "responses": [asdict(row) for row in result.synthesis.rows],

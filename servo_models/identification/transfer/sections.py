@@ -180,7 +180,13 @@ def _bode(result: TransferResult, axes: Sequence[Axes]) -> None:
 
     (gain, phase), function = axes, result.chosen.function
     sweeps = [(e.frequencies, e.response) for e in result.measurements if isinstance(e, Sweep)]
-    spectra = _spectra(result)
+    records = [r for r in result.measurements if isinstance(r, Record)]
+    known = [Spectra(r.times, r.given, r.measured, r.response(function)) for r in records]
+    step = max((r.step for r in records), default=0.0)
+    spectra = []
+    if known and (seen := empirical(known, step)):
+        rates = 2.0 * np.pi * seen.hertz
+        spectra = [(rates, seen.measured / hold(rates, step))]  # without the hold of the inputs
     every = np.concatenate([w for w, _ in [*sweeps, *spectra]] or [np.abs(function.poles)])
     low, high = np.log10(every.min() / 1.5), np.log10(every.max() * 1.5)  # beyond the data
     w = np.concatenate([np.logspace(low - 4.0, low, 400), np.logspace(low, high, 500)])
@@ -209,21 +215,6 @@ def _bode(result: TransferResult, axes: Sequence[Axes]) -> None:
     phase.yaxis.set_major_locator(MultipleLocator(90.0))
     phase.xaxis.set_major_formatter(LogFormatter())
     gain.legend(frameon=False, fontsize=8.5)
-
-
-def _spectra(result: TransferResult) -> list[tuple[Array, Complex]]:
-    """Frequencies [rad/s] and response, SI, where the records excite it, with the hold of their
-    inputs taken out."""
-    records = [r for r in result.measurements if isinstance(r, Record)]
-    spectra = [
-        Spectra(r.times, r.given, r.measured, r.response(result.chosen.function)) for r in records
-    ]
-    step = max((r.step for r in records), default=0.0)
-    measured = empirical(spectra, step) if spectra else None
-    if measured is None:
-        return []
-    frequencies = 2.0 * np.pi * measured.hertz
-    return [(frequencies, measured.measured / hold(frequencies, step))]
 
 
 def _picture(result: TransferResult, record: Record) -> Picture:
