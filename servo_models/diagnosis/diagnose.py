@@ -176,7 +176,7 @@ def _diagnose(
         tell("learning the shape of what is left")
     return Diagnosis(
         name=told.path.stem,
-        file=told.path.name if told.document.sha256 else "",
+        file=told.path.name if told.path.suffix == ".toml" else "",
         sha256=told.document.sha256,
         model=told.model,
         logs=told.logs,

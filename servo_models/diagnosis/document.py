@@ -36,7 +36,9 @@ def document(diagnosis: Diagnosis) -> schema.DiagnosisDocument:
     return schema.DiagnosisDocument.made_from(
         diagnosis,
         schema_version=schema.VERSION,
-        description=schema.SourceFile(diagnosis.file, diagnosis.sha256) if diagnosis.file else None,
+        description=schema.SourceFile(diagnosis.file, diagnosis.sha256)
+        if diagnosis.sha256
+        else None,
         actuator=diagnosis.model.actuator.name,
         variant=diagnosis.model.variant,
         verdict=diagnosis.verdict.kind,

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec import structs
 
 from servo_models.core.types import Array
 from servo_models.diagnosis.calibration import (
@@ -43,7 +44,7 @@ def drawn(seed: int, truth: Array, weights: Array, tier: str = "easy") -> list[C
         replace(
             one,
             tier=tier,
-            said=replace(one.said, chances={one.said.named[0]: w}, probabilities={}),
+            said=structs.replace(one.said, chances={one.said.named[0]: w}, probabilities={}),
         )
         for one, w in zip(made, weights.tolist())
     ]
@@ -51,7 +52,10 @@ def drawn(seed: int, truth: Array, weights: Array, tier: str = "easy") -> list[C
 
 def as_told(cases: list[Case]) -> list[Case]:
     """Weights told as probabilities."""
-    return [replace(one, said=replace(one.said, probabilities=one.said.chances)) for one in cases]
+    return [
+        replace(one, said=structs.replace(one.said, probabilities=one.said.chances))
+        for one in cases
+    ]
 
 
 @given(SHARES, st.sampled_from(NAMING))
@@ -101,9 +105,15 @@ def test_the_calibration_error_is_the_mean_distance_over_bins() -> None:
     """Of 0.92 three in four there, of 0.35 none: (4 x 0.17 + 2 x 0.35) / 6."""
     there, gone = case("one", "a", EFFECT, "a"), case("one", "a", EFFECT, "b")
     cases = [
-        *(replace(it, said=replace(it.said, probabilities={"a": 0.92})) for it in 3 * [there]),
-        replace(gone, said=replace(gone.said, probabilities={"b": 0.92})),
-        *(replace(it, said=replace(it.said, probabilities={"b": 0.35})) for it in 2 * [gone]),
+        *(
+            replace(it, said=structs.replace(it.said, probabilities={"a": 0.92}))
+            for it in 3 * [there]
+        ),
+        replace(gone, said=structs.replace(gone.said, probabilities={"b": 0.92})),
+        *(
+            replace(it, said=structs.replace(it.said, probabilities={"b": 0.35}))
+            for it in 2 * [gone]
+        ),
     ]
     assert calibration_error(cases).value == pytest.approx((4 * 0.17 + 2 * 0.35) / 6)
 
