@@ -65,6 +65,7 @@ def run_action(repository: Path, work: Path, **given: str) -> tuple[int, str, st
     return done.returncode, done.stdout + done.stderr, told
 
 
+@pytest.mark.thorough
 def test_the_action_passes_what_equals_its_reference(repository: Path, tmp_path: Path) -> None:
     junit = tmp_path / "junit.xml"
     code, out, summary = run_action(
@@ -85,6 +86,7 @@ def test_the_action_fails_what_does_not(repository: Path, tmp_path: Path) -> Non
     assert "FAILED" in summary
 
 
+@pytest.mark.thorough
 def test_the_action_takes_patterns_and_runs_nothing_if_told(
     repository: Path, tmp_path: Path
 ) -> None:
@@ -115,6 +117,7 @@ def run_hook(repository: Path, name: str, fmu: str) -> tuple[int, str]:
     return done.returncode, done.stdout + done.stderr
 
 
+@pytest.mark.thorough
 def test_the_hook_that_runs_nothing(repository: Path) -> None:
     assert run_hook(repository, "validate-fmu-static", "joint.fmu")[0] == 0
     code, told = run_hook(repository, "validate-fmu-static", "damaged.fmu")

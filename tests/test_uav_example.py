@@ -159,6 +159,7 @@ def test_the_system_of_the_page(
     assert angle[-1] == pytest.approx(asked, abs=0.03)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("which", ["diagnosed", "ten_servos"])
 def test_other_masters_give_the_same_numbers(uav: SimpleNamespace, fmus: Path, which: str) -> None:
     """The same bits, once our loop has their clock."""
@@ -183,6 +184,7 @@ def test_each_of_ten_instances_is_the_simulation_of_it_alone(
     assert set(off.values()) == {0.0}
 
 
+@pytest.mark.thorough
 def test_a_play_makes_the_loop_swing_as_the_describing_function_says(
     uav: SimpleNamespace, fmus: Path
 ) -> None:

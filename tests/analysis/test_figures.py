@@ -196,6 +196,7 @@ def test_what_is_missing_does_not_stop_the_file(suffix: str, tmp_path: Path) -> 
     assert (tmp_path / f"a{suffix}").stat().st_size > 0
 
 
+@pytest.mark.thorough
 def test_a_model_that_drifts_has_no_working_point() -> None:
     with pytest.raises(UserError, match="does not come to rest"):
         linearise(model("sg90", "oscillatory_motor"), {"pulse_width": 1.7e-3})

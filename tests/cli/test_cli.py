@@ -191,6 +191,7 @@ def test_plots_are_the_same_bytes_again(run: Run, tmp_path: Path) -> None:
     assert ElementTree.parse(files[0]).getroot().tag.endswith("svg")
 
 
+@pytest.mark.thorough
 def test_a_built_fmu_carries_the_settings(run: Run, tmp_path: Path) -> None:
     words = ("build", "torque_motor", "--variant", "estimated", "--out", tmp_path)
     code, out, _ = run(*words, "--set", "backlash.half_width=0.1 deg")
@@ -204,6 +205,7 @@ def test_a_built_fmu_carries_the_settings(run: Run, tmp_path: Path) -> None:
     assert float(start["torque_constant"]) == 5.23
 
 
+@pytest.mark.thorough
 def test_variants_are_files_of_their_own(run: Run, tmp_path: Path) -> None:
     """The default one has the actuator's name alone; ``--out`` may name the file."""
     for words in ([], ["--variant", "identified"], ["--variant", "measured"]):
@@ -284,6 +286,7 @@ def test_an_input_out_of_bounds_is_told_with_the_row_of_its_file(run: Run, tmp_p
     assert "5000 V is outside" in err
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("line", "expected"),
     [

@@ -55,6 +55,7 @@ def test_a_runner_obeys_what_is_looked_for() -> None:
     assert obeyed("\r".join([*commands, "a ::error::x", "# [x]"])) == commands
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(sys.platform == "win32", reason="no such file names there")
 def test_names_of_logs_command_nothing(tmp_path: Path) -> None:
     gimbal = ROOT / "examples/gimbal"
@@ -83,6 +84,7 @@ def hostile(fmu_file: Callable[[str], Path], tmp_path: Path) -> Path:
     return with_description(fmu_file("torque_motor"), tmp_path / "::error::x.fmu", change)
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(sys.platform == "win32", reason="no such file names there")
 def test_names_in_an_fmu_command_nothing(hostile: Path, tmp_path: Path) -> None:
     code, out, err = servo_models("validate", hostile, "--static-only", "--all")
@@ -96,6 +98,7 @@ def test_names_in_an_fmu_command_nothing(hostile: Path, tmp_path: Path) -> None:
     assert obeyed(out) == obeyed(err) == []
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(sys.platform == "win32", reason="no such file names there")
 def test_other_formats_tell_names_as_they_are(hostile: Path) -> None:
     code, out, err = servo_models("validate", hostile, "--static-only", "--format", "json")

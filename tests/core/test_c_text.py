@@ -171,6 +171,7 @@ FAILS = {
 }
 
 
+@pytest.mark.thorough
 @needs_a_compiler
 @pytest.mark.parametrize("name", FAILS)
 def test_c_refuses_where_python_raises(name: str, tmp_path: Path) -> None:

@@ -188,6 +188,7 @@ def names_of_the_text() -> list[str]:
     return sorted((found | plain | parts | made) - source)
 
 
+@pytest.mark.thorough
 @given(st.sampled_from(list(KINDS)), st.deferred(lambda: st.sampled_from(names_of_the_text())))
 @example("WIRE", "target")
 @example("WIRE", "half")

@@ -193,6 +193,7 @@ def test_a_file_beside_the_one_that_names_it_is_run(tmp_path: Path) -> None:
     assert runs(path) == 1
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("way", ["elsewhere", "below", "through a link"])
 def test_a_file_elsewhere_is_run_only_if_trusted(tmp_path: Path, way: str, run: Run) -> None:
     folder = tmp_path / "rig"

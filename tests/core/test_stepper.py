@@ -57,6 +57,7 @@ remembering = [
 ]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("effect", remembering)
 @settings(max_examples=80, deadline=None, derandomize=True)
 @given(data=st.data())

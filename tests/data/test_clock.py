@@ -87,6 +87,7 @@ def test_lost_rows_of_stamps_that_are_not_rounded_are_no_rounding(period: float)
         assert dithered(np.delete(times, lost), MS) is None
 
 
+@pytest.mark.thorough
 @settings(max_examples=30, deadline=None)
 @given(st.floats(0.05, 0.5), st.integers(0, 2**32 - 1))
 def test_a_clock_that_wanders_is_not_put_on_a_grid(jitter: float, seed: int) -> None:
@@ -271,6 +272,7 @@ def test_single_lost_rows_are_found_among_rounded_stamps(first: float, last: flo
     assert [round(gap.time / MS) for gap in found.sampling.gaps] == list(times[seen] / MS)
 
 
+@pytest.mark.thorough
 def test_check_and_diagnosis_tell_what_was_done(tmp_path: Path) -> None:
     described, _ = told(tmp_path)
     (note,) = described.logs[0].notes

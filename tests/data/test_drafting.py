@@ -82,6 +82,7 @@ def write(table: pl.DataFrame, path: Path) -> None:
         table.write_csv(path, separator="\t" if path.suffix == ".tsv" else ",")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("suffix", [".csv", ".tsv", ".parquet", ".json", ".mat"])
 def test_a_draft_of_every_format_reads_back(run: Run, tmp_path: Path, suffix: str) -> None:
     log, path = motor_log(), tmp_path / f"log{suffix}"
@@ -223,6 +224,7 @@ def test_a_draft_of_nothing_is_refused(
     assert run("check", path, "--init", "--actuator", "sg09")[0] == 2
 
 
+@pytest.mark.thorough
 def test_real_files_are_drafted(run: Run, logs_folder: Path, tmp_path: Path) -> None:
     cases = {
         "emps/DATA_EMPS.mat": ("linear_drive", {"reference", "position"}),

@@ -91,6 +91,7 @@ JSON = st.recursive(
 )
 
 
+@pytest.mark.thorough
 @settings(deadline=None, max_examples=60)
 @given(st.lists(st.dictionaries(st.text(min_size=1, max_size=3), JSON, min_size=1), min_size=1))
 def test_lines_are_read_as_a_list_of_the_same_records(

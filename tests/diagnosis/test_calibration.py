@@ -118,6 +118,7 @@ def test_the_calibration_error_is_the_mean_distance_over_bins() -> None:
     assert calibration_error(cases).value == pytest.approx((4 * 0.17 + 2 * 0.35) / 6)
 
 
+@pytest.mark.thorough
 def test_over_confident_weights_are_mended_on_cases_that_the_map_has_not_seen() -> None:
     """Weights are the truth with its log odds tripled."""
     truth = 0.95 * np.random.default_rng(0).random(6000)

@@ -95,6 +95,7 @@ def planned(verdict: Verdict) -> Experiment:
     return designed(verdict.rivals)
 
 
+@pytest.mark.thorough
 def test_the_set_shrinks_to_the_truth(first: Log, verdict: Verdict, planned: Experiment) -> None:
     assert set(verdict.members) >= STATIC
     assert planned.telling
@@ -287,6 +288,7 @@ def test_an_experiment_begins_at_rest_where_its_limits_allow_that(verdict: Verdi
     assert plan.inputs["voltage"][0] == away.values(stage.times)[0]
 
 
+@pytest.mark.thorough
 def test_a_played_table_is_read_as_it_was_meant(verdict: Verdict, planned: Experiment) -> None:
     """Its first row says that the rig rests, so that nobody takes what follows for settled."""
     assert planned.plan.settle == 0.0

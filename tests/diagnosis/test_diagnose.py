@@ -393,6 +393,7 @@ def test_every_effect_is_told_on_a_declared_wire_the_first_that_it_is_placed_on(
             assert before <= {"shaft_inertia", "coasting_inertia"}
 
 
+@pytest.mark.thorough
 @in_c_only
 def test_a_diagnosis_loads_no_library_that_takes_longer_than_its_search(tmp_path: Path) -> None:
     path = describe(tmp_path, seconds=0.1)

@@ -151,6 +151,7 @@ def test_the_same_seed_gives_the_same_bytes_whatever_the_jobs(
     assert (tmp_path / "again.json").read_bytes() == (session.folder / "d.json").read_bytes()
 
 
+@pytest.mark.thorough
 def test_another_seed_changes_intervals_and_nothing_else(
     session: Session, run: Run, tmp_path: Path
 ) -> None:
@@ -179,6 +180,7 @@ def test_text_tells_it_in_one_screen(session: Session) -> None:
     assert len(out.splitlines()) < 70
 
 
+@pytest.mark.thorough
 def test_a_gap_inside_the_tolerance_is_none(session: Session, run: Run) -> None:
     rig = session.folder / "rig.toml"
     before = session.document["gap"]["before"]
@@ -246,6 +248,7 @@ def test_every_effect_is_either_named_or_ruled_out(session: Session) -> None:
     assert sought - on - unloaded == named | ruled_out
 
 
+@pytest.mark.thorough
 def test_a_fit_that_does_not_converge_is_marked_and_the_rest_goes_on(
     run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -305,6 +308,7 @@ def frozen(folder: Path) -> Path:
     return describe(folder, text.replace('torque_constant = "5 %"\ninductance = "5 %"\n', ""))
 
 
+@pytest.mark.thorough
 def test_frozen_parameters_are_warned_of(run: Run, tmp_path: Path) -> None:
     code, out, _ = run("diagnose", frozen(tmp_path))
     assert code == 1

@@ -407,6 +407,7 @@ def test_every_verdict_has_a_page(found: Diagnosis, kind: str, judged: str, begi
     assert begins.lower() in _heading(text).lower()
 
 
+@pytest.mark.thorough
 def test_a_model_without_uncertainties_is_not_called_retuned(found: Diagnosis) -> None:
     bare = replace(found.selection.retuned.problem, free=())
     alone = replace(found.selection.retuned, problem=bare)
@@ -427,6 +428,7 @@ def test_small_errors_are_told_with_a_prefix(found: Diagnosis) -> None:
     assert prefix(1e-6, "deg") == (1.0, "deg")
 
 
+@pytest.mark.thorough
 def test_errors_are_in_the_unit_of_the_signal_whatever_that_of_the_log(found: Diagnosis) -> None:
     """Codes of 180 deg in the file are no unit in which a person reads an error."""
     (log,) = found.logs
@@ -456,6 +458,7 @@ def test_a_log_that_is_held_out_is_shown_where_it_is_worst(found: Diagnosis) -> 
     assert len(re.findall(rf"is worst before: \S+ deg at {worst:.5g} s", text)) == 2
 
 
+@pytest.mark.thorough
 def test_hostile_names_stay_text(found: Diagnosis) -> None:
     log = replace(
         found.logs[0],
@@ -495,6 +498,7 @@ def test_names_of_curves_stay_inside_the_picture(names: tuple[str, ...]) -> None
         assert inside.y1 <= command.get_window_extent().y0 + 3.0
 
 
+@pytest.mark.thorough
 def test_a_parameter_that_the_logs_do_not_determine_has_a_bar_of_the_whole_width(
     found: Diagnosis, recwarn: pytest.WarningsRecorder
 ) -> None:

@@ -61,6 +61,7 @@ def test_a_fit_begins_where_no_more_is_left_than_with_the_effect_as_screened(nam
         assert begin.cost == linear.cost({**begin.values, **own})
 
 
+@pytest.mark.thorough
 def test_a_motion_that_the_effects_make_worse_is_named() -> None:
     """One held-out log is of the rig with its friction, the other of one without it, for which
     parameters alone are right."""

@@ -144,6 +144,7 @@ def most_by_scipy(found: Diagnosis, name: str, sizes: Array) -> float:
     return largest
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("name", "sizes"),
     [

@@ -38,6 +38,7 @@ def diagnosed(run: Run, folder: Path, spoil: Callable[[Array], Array]) -> dict[s
     return dict(json.loads(out))
 
 
+@pytest.mark.thorough
 def test_a_mistake_is_told_first_and_no_effect_that_imitates_it_is_taken(
     run: Run, tmp_path: Path
 ) -> None:
@@ -53,6 +54,7 @@ def test_a_mistake_is_told_first_and_no_effect_that_imitates_it_is_taken(
     assert any("not tried" in text for text in found["warnings"])
 
 
+@pytest.mark.thorough
 def test_a_column_that_contradicts_the_model_is_told_first(run: Run, tmp_path: Path) -> None:
     found = diagnosed(run, tmp_path / "gimbal", np.negative)
     assert found["sentence"].startswith(

@@ -58,6 +58,7 @@ def diagnosed(rig: Path, run: Run, monkeypatch: pytest.MonkeyPatch) -> Diagnosed
     return command
 
 
+@pytest.mark.thorough
 def test_the_next_experiment_is_told_and_can_be_played(diagnosed: Diagnosed, rig: Path) -> None:
     out, (told,) = diagnosed()
     assert "Play a sine. Its table is rig_next_1.csv." in " ".join(out.split())
@@ -93,6 +94,7 @@ def test_a_filled_table_that_is_no_log_yet_is_not_written_over_either(
     assert told["file"] == "rig_next_2.csv"
 
 
+@pytest.mark.thorough
 def test_without_a_file_no_table_is_promised(
     rig: Path, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

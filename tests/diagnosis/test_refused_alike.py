@@ -102,6 +102,7 @@ def test_a_model_that_cannot_be_simulated(run: Run, tmp_path: Path) -> None:
     assert "rig.toml': the nominal model cannot be simulated on log 'square'" in message
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("command", ["check", "identify", "diagnose"])
 def test_runs_with_an_input_that_does_not_change_in_them(
     command: str, run: Run, tmp_path: Path

@@ -130,6 +130,7 @@ def test_its_parameters_are_the_fit_that_is_told(dragged: Dragged) -> None:
     assert ours == pytest.approx(own, abs=1e-6 * np.abs(own).max())
 
 
+@pytest.mark.thorough
 def test_where_nothing_is_missing_it_is_silent(tmp_path: Path) -> None:
     assert learn(retuned(description_of(case_of("nothing"), tmp_path))) is None
 

@@ -65,6 +65,7 @@ def drag(position: Array, size: float) -> Array:
     return np.asarray(size * left / np.sqrt(np.mean(left**2)))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("memory", [0.0, 0.8])
 def test_noise_is_called_locked_as_often_as_it_says(memory: float) -> None:
     values = []

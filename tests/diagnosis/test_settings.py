@@ -19,6 +19,7 @@ from tests.support.schemas import check_schema
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 
 
+@pytest.mark.thorough
 def test_no_more_effects_are_taken_than_are_allowed() -> None:
     fitter, _ = made({"coulomb_friction.level": 1.5e-3, "drive_saturation.limit": 15.0})
     assert len(select_effects(fitter).taken.effects) == 2
@@ -26,6 +27,7 @@ def test_no_more_effects_are_taken_than_are_allowed() -> None:
     assert len(select_effects(one).taken.effects) == 1
 
 
+@pytest.mark.thorough
 def test_settings_are_told_and_hold_the_schema(tmp_path: Path) -> None:
     settings = Settings(entry_advantage=30.0, fits_alone=4)
     found = servo_models.diagnose(EXAMPLES / "own_plants" / "servo.toml", settings=settings)

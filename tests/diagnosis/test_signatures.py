@@ -85,6 +85,7 @@ def test_the_page_draws_every_signature() -> None:
     assert pictures.signatures(found) == ()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", range(5))
 def test_where_a_reading_rests_is_no_code(seed: int) -> None:
     """Eight levels anywhere, each for 150 samples, with noise: some step bunches most."""

@@ -25,6 +25,7 @@ from tests.support.diagnoses import made
 from tests.support.logs import changed, measured
 
 
+@pytest.mark.thorough
 @given(st.lists(st.integers(2, 1200), min_size=1, max_size=4), st.integers(50, 1500))
 def test_first_parts_are_the_same_share_of_each_log(lengths: list[int], samples: int) -> None:
     (log,) = made({})[0].logs

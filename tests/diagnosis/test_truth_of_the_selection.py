@@ -95,6 +95,7 @@ def test_no_effect_is_named_where_parameters_leave_noise() -> None:
     assert len(select_effects(fitter).taken.effects) == 1
 
 
+@pytest.mark.thorough
 def test_no_effect_joins_a_model_that_leaves_noise() -> None:
     fitter, _ = made({"coulomb_friction.level": 1.5e-3, "sensor_offset.value": 3e-6})
     assert select_effects(fitter).taken.effects == ("coulomb_friction",)
@@ -102,6 +103,7 @@ def test_no_effect_joins_a_model_that_leaves_noise() -> None:
     assert set(select_effects(fitter).taken.effects) == {"coulomb_friction", "sensor_offset"}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("offset_in_floors", "effects"), [(1.75, 0), (3.5, 1)])
 def test_a_first_effect_takes_a_tenth_of_what_parameters_leave(
     offset_in_floors: float, effects: int

@@ -303,6 +303,7 @@ def shapes() -> Iterator[object]:
                 yield pytest.param(plant, name, id=f"{plant}-{name}", marks=MARKS[plant])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("plant", "parameter"), list(shapes()))
 @pytest.mark.parametrize("level", ["low", "high"])
 def test_finite_at_the_bounds_of_every_shape_parameter(

@@ -62,6 +62,7 @@ def test_the_host_is_short() -> None:
     assert len((EXAMPLE / "host.c").read_text().splitlines()) <= LINES
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", actuators())
 def test_it_steps_every_fmu_without_python_to_the_bits_of_the_simulation(
     name: str, host: Path, unpacked: Unpacked

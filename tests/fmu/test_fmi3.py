@@ -78,6 +78,7 @@ def refused(host: Host, call: Callable[[], object], *parts: str) -> None:
 # ---- the files
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", actuators())
 def test_every_file_follows_the_schema_of_the_standard(name: str, fmu_file: Files) -> None:
     with zipfile.ZipFile(fmu_file(name)) as fmu:
@@ -387,6 +388,7 @@ def test_instances_in_threads_equal_the_simulation(name: str, fmu_folder: Files)
         assert np.array_equal(rows, chosen.run(times, values))
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(sys.platform != "linux", reason="cc as on Linux")
 def test_its_sources_compile_to_the_same_numbers(fmu_file: Files, tmp_path: Path) -> None:
     """As an importer does it: language and files of buildDescription.xml, no flag of ours."""

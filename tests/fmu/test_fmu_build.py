@@ -64,6 +64,7 @@ def test_fmutool_finds_no_problem(name: str, fmu_file: Files) -> None:
     assert "No semantic error" in told
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", MODELS)
 def test_every_variable_of_the_model_is_declared_with_its_unit_and_value(
     name: str, fmu_file: Files
@@ -247,6 +248,7 @@ def test_integrated_outputs_have_no_direct_dependency(fmu_file: Files) -> None:
     assert unknown.attrib["dependencies"] == ""
 
 
+@pytest.mark.thorough
 @python_only
 def test_slave_needs_the_standard_library_and_pythonfmu_only(fmu_file: Files) -> None:
     for name in MODELS:

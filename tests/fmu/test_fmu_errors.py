@@ -219,6 +219,7 @@ def test_each_of_two_instances_hears_its_own_error(fmu_file: Files) -> None:
     subject.close()
 
 
+@pytest.mark.thorough
 def test_an_fmu_that_a_command_has_run_leaves_other_hosts_their_logger(
     fmu_file: Files, kind: str
 ) -> None:

@@ -294,6 +294,7 @@ def test_fmpy_simulates_to_the_end(name: str, fmu_file: Files) -> None:
     assert found["time"][-1] == pytest.approx(actuator.stop_time / 4, rel=1e-12)
 
 
+@pytest.mark.thorough
 @fmi2_only
 @pytest.mark.parametrize(
     "name",

@@ -237,6 +237,7 @@ def derivative(host: Host, outputs: list[str], by: str) -> list[float]:
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-fsyntax-only")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
 def test_the_sources_compile_without_warnings(
     compiler: str, fmu_folder: Files, tmp_path: Path

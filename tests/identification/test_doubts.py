@@ -92,6 +92,7 @@ def test_hundreds_of_noise_floors_are_not_believed(run: Run, tmp_path: Path) -> 
     assert "times its noise floor" in first_lines(out)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "odd",
     [

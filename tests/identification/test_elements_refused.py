@@ -51,6 +51,7 @@ def text(path: Path) -> None:
     path.write_text("U_mV,n\n" + "1,2\n" * 9 + "3,stuck\n")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("spoil", "words"),
     [

@@ -130,6 +130,7 @@ def test_page_is_whole_and_stands_alone(text: str) -> None:
     assert "2026-01-31" in page.text
 
 
+@pytest.mark.thorough
 def test_same_arguments_give_the_same_bytes(found: Identification, text: str) -> None:
     assert _page(found) == text
 
@@ -188,6 +189,7 @@ def test_what_is_doubtful_is_flagged_and_warned_of(found: Identification) -> Non
     assert any("3 of 3 doubtful" in piece for piece in page.text)
 
 
+@pytest.mark.thorough
 def test_a_fit_without_held_out_data_says_so(found: Identification) -> None:
     logs = [replace(log, held_out=np.zeros(len(log.times), dtype=bool)) for log in found.logs]
     rows = [structs.replace(row, part="fit") for row in found.accuracy]
@@ -205,6 +207,7 @@ def test_a_model_that_got_worse_fails(found: Identification) -> None:
     assert '<header class="fail">' in _words(replace(found, accuracy=worse, warnings=[]))
 
 
+@pytest.mark.thorough
 def test_hostile_names_stay_text(found: Identification) -> None:
     channel = Channel("angle", "1", HOSTILE, 1.0)
     first = replace(found.logs[0], name=HOSTILE, channels={"angle": channel})

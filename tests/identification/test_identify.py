@@ -96,6 +96,7 @@ def test_what_was_identified_is_where_the_next_description_begins(bench: Path, r
     assert after["stiffness"] == pytest.approx(TRUE["stiffness"], rel=0.01)
 
 
+@pytest.mark.thorough
 def test_an_actuator_of_ones_own(tmp_path: Path, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     """The parameter file names it as seen from its own folder, wherever one stands."""
     lag = 0.35
@@ -146,6 +147,7 @@ def test_an_actuator_of_ones_own(tmp_path: Path, run: Run, monkeypatch: pytest.M
 # The same again
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "options", [{"search": "global", "seed": 4}, {"starts": 4, "seed": 4}], ids=["global", "starts"]
 )
@@ -180,6 +182,7 @@ def test_a_fit_keeps_to_its_bounds(bench: Path, run: Run) -> None:
         assert ("on its low bound" in out) == (low > 5.4)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("count", [1, 2])
 def test_what_some_logs_state_is_free_in_the_others(bench: Path, run: Run, count: int) -> None:
     """It is uncertain by the variant; where every log states it nothing is left to estimate."""

@@ -405,6 +405,7 @@ def test_a_fit_that_does_not_believe_itself_exits_1(run: Run, tmp_path: Path) ->
     assert "cannot be told apart" in said or "is not excited by these logs" in said
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("unit", ["deg", "rad"])
 def test_a_fit_that_does_not_follow_its_log_exits_1(run: Run, tmp_path: Path, unit: str) -> None:
     """Radians described as degrees leave all of the error, and the estimate at its prior."""

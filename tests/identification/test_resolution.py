@@ -36,6 +36,7 @@ def found(given: Array) -> dict[str, Blur]:
     return {one.why: one for one in told}
 
 
+@pytest.mark.thorough
 def test_a_step_moves_an_open_loop_as_far_as_rounding_does() -> None:
     """An angle keeps every error of the volts: its RMS over many logs that were rounded."""
     off = [angle(np.round(volts(k) / VOLTS) * VOLTS) - angle(volts(k)) for k in range(30)]

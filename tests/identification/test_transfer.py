@@ -258,6 +258,7 @@ def test_every_record_is_drawn_with_what_the_chosen_function_leaves(
         assert np.allclose(np.interp(times, record.times, off), error, atol=1e-6)
 
 
+@pytest.mark.thorough
 def test_records_and_sweep_together_know_more_than_either() -> None:
     rng = np.random.default_rng(7)
     w = 2.0 * np.pi * np.geomspace(1.0, 400.0, 30)

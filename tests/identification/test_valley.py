@@ -67,6 +67,7 @@ def test_what_data_do_not_show_keeps_its_prior_value(seed: int) -> None:
     assert values["coulomb_friction.level"] == pytest.approx(0.012, rel=0.03)
 
 
+@pytest.mark.thorough
 def test_it_ends_where_another_optimiser_does() -> None:
     """That of scipy, in the logarithms of all values, from the true ones."""
     from scipy.optimize import least_squares

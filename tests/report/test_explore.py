@@ -96,6 +96,7 @@ BAD = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", BAD)
 def test_what_is_no_log_gets_one_sentence(
     browser: Browser, servo: Path, tmp_path: Path, kind: str
@@ -106,6 +107,7 @@ def test_what_is_no_log_gets_one_sentence(
         assert said in drop(page, tmp_path / "bad.csv")
 
 
+@pytest.mark.thorough
 def test_a_file_of_a_gigabyte_is_not_read(browser: Browser, servo: Path, tmp_path: Path) -> None:
     with (tmp_path / "huge.csv").open("wb") as file:
         file.truncate(10**9)
@@ -113,6 +115,7 @@ def test_a_file_of_a_gigabyte_is_not_read(browser: Browser, servo: Path, tmp_pat
         assert re.search("1000 MB.*cut it", drop(page, tmp_path / "huge.csv"))
 
 
+@pytest.mark.thorough
 def test_columns_without_names_commas_and_a_time_that_does_not_rise(
     browser: Browser, servo: Path, tmp_path: Path
 ) -> None:
@@ -138,6 +141,7 @@ def test_columns_without_names_commas_and_a_time_that_does_not_rise(
         np.testing.assert_allclose(times, [row[0] for row in rows], atol=1e-12)
 
 
+@pytest.mark.thorough
 def test_hostile_columns_are_text(browser: Browser, servo: Path, tmp_path: Path) -> None:
     name = "<img src=x onerror=alert(1)>"
     rows = "\n".join(f"{k},{k},{k}" for k in range(9))

@@ -77,6 +77,7 @@ BEGINNINGS = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("how", BEGINNINGS)
 def test_each_set_is_what_python_computes(browser: Browser, tmp_path: Path, how: str) -> None:
     log = recorded(**BEGINNINGS[how])
@@ -105,6 +106,7 @@ def test_a_slider_moves_the_curve_to_what_python_computes(browser: Browser, tmp_
         assert float(said[1]) == pytest.approx(error, rel=5e-3)
 
 
+@pytest.mark.thorough
 def test_a_typed_value_and_a_switch_do_the_same(browser: Browser, tmp_path: Path) -> None:
     log = recorded()
     with opened(browser, written(tmp_path / "page.html", panel_of(log))) as page:
@@ -118,6 +120,7 @@ def test_a_typed_value_and_a_switch_do_the_same(browser: Browser, tmp_path: Path
         np.testing.assert_allclose(shown(page), computed(log, without), rtol=0, atol=1e-12)
 
 
+@pytest.mark.thorough
 def test_the_score_is_that_of_what_is_shown(browser: Browser, tmp_path: Path) -> None:
     log = recorded()
     with opened(browser, written(tmp_path / "page.html", panel_of(log))) as page:
@@ -154,6 +157,7 @@ def test_nothing_is_wider_than_a_phone(browser: Browser, tmp_path: Path) -> None
             assert box is None or box["x"] + box["width"] <= 390
 
 
+@pytest.mark.thorough
 def test_hostile_names_are_text(browser: Browser, tmp_path: Path) -> None:
     """They come from logs and files of others; a script of theirs would ask, fail or write."""
     (found,) = panel_of(recorded(name=HOSTILE))
@@ -179,6 +183,7 @@ def test_a_script_that_is_not_ours_does_not_run(browser: Browser, tmp_path: Path
     page.close()
 
 
+@pytest.mark.thorough
 def test_a_model_without_a_log_is_driven(browser: Browser, tmp_path: Path) -> None:
     chosen = model("torque_motor")
     with opened(browser, written(tmp_path / "page.html", (live_model(chosen),))) as page:
@@ -191,6 +196,7 @@ def test_a_model_without_a_log_is_driven(browser: Browser, tmp_path: Path) -> No
         np.testing.assert_allclose(shown(page), expected, rtol=0, atol=1e-15)
 
 
+@pytest.mark.thorough
 def test_values_that_cannot_be_simulated_are_said(browser: Browser, tmp_path: Path) -> None:
     with opened(browser, written(tmp_path / "page.html", panel_of(recorded()))) as page:
         page.evaluate(

@@ -65,6 +65,7 @@ def test_a_document_keeps_to_its_schema(kind: type[Document], documents: Documen
     check_schema(documents[kind], kind)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_schema_refuses_another_document(kind: type[Document], documents: Documents) -> None:
     whole = documents[kind]

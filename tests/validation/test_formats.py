@@ -144,6 +144,7 @@ documents = st.recursive(
 )
 
 
+@pytest.mark.thorough
 @given(documents)
 def test_json_has_no_infinity_and_keeps_everything_else(document: object) -> None:
     def refuse(constant: str) -> None:

@@ -280,6 +280,7 @@ def test_a_wrong_effect_of_the_fmu_is_found(tmp_path: Path) -> None:
     assert failed == {"limit on", "all effects on"}
 
 
+@pytest.mark.thorough
 def test_an_author_may_call_a_wire_target(tmp_path: Path, run: Run) -> None:
     """``validate --actuator`` says that the printed text is right, or that it is not."""
     mine = tmp_path / "mine.py"

@@ -167,6 +167,7 @@ def with_wrong_slave(chosen: Model) -> Model:
     return replace(chosen, flat=replace(chosen.flat, stage=stage))
 
 
+@pytest.mark.thorough
 def test_an_fmu_with_a_wrong_description_fails(tmp_path: Path, fmu_file: FmuFile) -> None:
     """Initial unknowns are what a stock pythonfmu leaves out and simulation never misses."""
     wrong = with_description(
@@ -180,6 +181,7 @@ def test_an_fmu_with_a_wrong_description_fails(tmp_path: Path, fmu_file: FmuFile
     assert [row.passed for row in rows] == [False, *(True for _ in rows[1:])]
 
 
+@pytest.mark.thorough
 def test_an_fmu_with_a_wrong_slave_fails(tmp_path: Path) -> None:
     right = model("torque_motor")
     subject = Subject(build(with_wrong_slave(right), tmp_path / "wrong.fmu"))
@@ -194,6 +196,7 @@ def test_an_fmu_with_a_wrong_slave_fails(tmp_path: Path) -> None:
     assert {row.subject for row in (*implementation, *responses)} == {"wrong.fmu"}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("actuator", "variant", "parameters"),
     [
@@ -299,6 +302,7 @@ def test_cost_curve_shows_the_order_of_the_method() -> None:
     assert all(point.seconds > 0.0 for point in curve.points)
 
 
+@pytest.mark.thorough
 def test_an_actuator_of_ones_own_is_validated_with_its_file(tmp_path: Path, run: Run) -> None:
     mine = write(tmp_path, name="mine.py", changes=WITH_A_FLAG)
     params, folder = tmp_path / "P.toml", tmp_path / "fmus"

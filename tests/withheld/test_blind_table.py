@@ -80,6 +80,7 @@ def same(one: Statistic, other: Statistic) -> bool:
     return one.n == other.n and all(near)
 
 
+@pytest.mark.thorough
 @given(st.one_of(st.just(MADE), st.lists(ONE, min_size=1, max_size=12)))
 def test_every_figure_is_that_of_the_run(cases: Cases) -> None:
     """But for seconds, of which a table holds thousandths."""

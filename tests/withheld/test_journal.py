@@ -15,6 +15,7 @@ from servo_models.errors import UserError
 from studies.withheld.run import work_through
 
 
+@pytest.mark.thorough
 def test_a_case_that_fails_stops_no_other_and_is_tried_again(tmp_path: Path) -> None:
     path = tmp_path / "rows.jsonl"
     tasks = {name: json.dumps({"case": name, "found": 1}) for name in "abcd"}

@@ -12,6 +12,7 @@ from servo_models.data.description import read_description
 from studies.second_plant.long_logs import current_motor, loaded_servo, sts3215_joint
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("write", "logs", "rows", "period"),
     [
