@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from servo_models.core.plant import Wire, unknown
 from servo_models.core.simulate import Model, Result, simulate
 from servo_models.errors import UserError
+from servo_models.report.numbers import Quantity
 from servo_models.units import factor, parse
 
 LONGEST = 10_000_000  # communication points of a step; more is a slip of the unit
@@ -85,6 +86,12 @@ def display(wire: Wire) -> tuple[float, str]:
     """Return the factor from SI to the unit that a person reads, and that unit, "" for none."""
     unit = wire.display or wire.unit
     return (factor(wire.unit, unit) if wire.display else 1.0), "" if unit == "1" else unit
+
+
+def shown(wire: Wire, value: float, digits: int = 4) -> Quantity:
+    """Return a value [SI] of a signal as a person reads it."""
+    scale, unit = display(wire)
+    return Quantity(scale * value, unit, digits=digits)
 
 
 def in_time(value: float) -> str:

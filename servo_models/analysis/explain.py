@@ -16,6 +16,7 @@ from servo_models.core.catalogue import actuators, all_actuators, effects
 from servo_models.core.own_actuator import is_file
 from servo_models.core.plant import Actuator, Parameter, Placement, Plant, unknown
 from servo_models.errors import UserError
+from servo_models.report.numbers import Quantity
 from servo_models.report.result import Report, data_sheet
 from servo_models.report.sections import Table
 from servo_models.units import factor
@@ -145,6 +146,15 @@ def display_scale(parameter: Parameter) -> float:
     """Return the number that a person reads for 1 in SI."""
     param = parameter.param
     return factor(param.unit, param.display) if param.display else 1.0
+
+
+def shown_value(
+    parameter: Parameter, value: float, error: float | None = None, digits: int = 4
+) -> Quantity:
+    """Return a value [SI] of a parameter, with its standard error, as a person reads it."""
+    scale = display_scale(parameter)
+    scaled = None if error is None else scale * error
+    return Quantity(scale * value, display_unit(parameter), scaled, digits=digits)
 
 
 def display_unit(parameter: Parameter) -> str:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from servo_models.analysis.compare import StepMetrics, step_metrics
-from servo_models.analysis.experiment import display
+from servo_models.analysis.experiment import display, shown
 from servo_models.analysis.explain import display_unit, in_display_unit
 from servo_models.analysis.figures import Figures, FrequencyFigures
 from servo_models.analysis.linear_model import LinearModel
@@ -169,17 +169,14 @@ def _sentence(found: Figures) -> str:
 
 def _working_point(found: Figures) -> str:
     wires = found.model.plant.wire
-    where = ", ".join(f"{name} = {_shown(value, wires[name])}" for name, value in found.at.items())
+    where = ", ".join(
+        f"{name} = {shown(wires[name], value, 5)}" for name, value in found.at.items()
+    )
     return f"Working point: {where or 'inputs at rest'}."
 
 
 def _size(found: Figures) -> str:
-    return f"±{_shown(found.amplitude, found.model.plant.wire[found.input])}"
-
-
-def _shown(value: float, wire: Wire) -> Quantity:
-    scale, unit = display(wire)
-    return Quantity(scale * value, unit, digits=5)
+    return f"±{shown(found.model.plant.wire[found.input], found.amplitude, 5)}"
 
 
 def _rows(found: Figures) -> Iterator[tuple[Cell, ...]]:

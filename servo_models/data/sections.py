@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from servo_models.analysis.explain import display_scale, display_unit
+from servo_models.analysis.explain import shown_value
 from servo_models.core.catalogue import actuator as find_actuator
 from servo_models.core.plant import Parameter
 from servo_models.data.parameters import Estimate, ParameterSet
@@ -36,13 +36,10 @@ def parameter_report(chosen: ParameterSet) -> Report:
 
 
 def _row(estimate: Estimate, parameter: Parameter, nominal: float) -> tuple[Cell, ...]:
-    scale, unit = display_scale(parameter), display_unit(parameter)
-    spread = estimate.standard_error
-    error = None if spread is None else scale * spread
     return (
         estimate.name,
-        Quantity(scale * estimate.value, unit, error, digits=6),
-        Quantity(scale * nominal, unit, digits=6),
+        shown_value(parameter, estimate.value, estimate.standard_error, 6),
+        shown_value(parameter, nominal, digits=6),
         estimate.origin,
         parameter.param.about,
     )

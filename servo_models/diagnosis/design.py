@@ -44,6 +44,7 @@ from servo_models.diagnosis.search.residuals import Residuals, sure
 from servo_models.diagnosis.settings import DEFAULT, Settings
 from servo_models.errors import UserError
 from servo_models.identification.problem import Problem
+from servo_models.report.numbers import listed
 
 TELLING = 0.3  # noise floors RMS: less tells nothing where models are a little wrong
 TELLING_ODDS = 100.0  # expected of a log, for the right one of two explanations
@@ -659,8 +660,7 @@ def _names(effects: Sequence[str]) -> str:
 
 
 def _listed(explanations: Sequence[Sequence[str]], word: str = "and") -> str:
-    *others, last = map(_names, explanations)
-    return f"{', '.join(others)} {word} {last}" if others else last
+    return listed(map(_names, explanations), word)
 
 
 def _held(plant: Plant, constants: Mapping[str, float]) -> str:

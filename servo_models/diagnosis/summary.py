@@ -28,6 +28,7 @@ from servo_models.diagnosis.verdict import (
 from servo_models.identification.doubts import doubt, surprise, together, with_display
 from servo_models.identification.resolution import shifted_outputs, supposed
 from servo_models.identification.simulation import false_starts
+from servo_models.report.numbers import listed, plural
 
 SEEN = 1.0  # movement [noise floors] from which logs can show an effect
 ELSEWHERE = 2.0
@@ -260,14 +261,8 @@ def choices(diagnosis: Diagnosis) -> str:
     every = diagnosis.alternatives
     said = [" and ".join(map(str, slots)) for slots in every[:MOST_ALTERNATIVES]]
     many = len(every) - len(said)
-    more = [f"{many} other combination{'s' * (many > 1)}"] if many else []
+    more = [plural(many, "other combination")] if many else []
     return ", or ".join([*said, *more])
-
-
-def listed(names: Iterable[str]) -> str:
-    """Return names as one reads them: "a", "a and b", "a, b and c"."""
-    *most, last = names
-    return f"{', '.join(most)} and {last}" if most else last
 
 
 def placed(diagnosis: Diagnosis, effects: Iterable[str]) -> str:

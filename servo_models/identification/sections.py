@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from servo_models.analysis.experiment import display
-from servo_models.analysis.explain import display_scale, display_unit
+from servo_models.analysis.experiment import display, shown
+from servo_models.analysis.explain import shown_value
 from servo_models.analysis.figures import figures
 from servo_models.analysis.linear_model import LinearModel
 from servo_models.analysis.linearise import linearise
@@ -49,7 +49,7 @@ from servo_models.identification.result import FIT, HELD_OUT, Identification
 from servo_models.report.curves import BUCKETS, DASHED, envelope, shade
 from servo_models.report.interchange import conditions
 from servo_models.report.live import Live
-from servo_models.report.numbers import ARROW, Quantity, number, printed, with_unit
+from servo_models.report.numbers import ARROW, Quantity, number, plural, printed, with_unit
 from servo_models.report.result import Report, document_of, page_of, report_of
 from servo_models.report.sections import Card, Cell, Mark, Picture, Section, Table
 from servo_models.report.style import colour
@@ -180,7 +180,7 @@ def _sentence(found: Identification) -> str:
     error = "held-out error" if held_out else "error (nothing held out)"
     return (
         f"{''.join(f'{text}; ' for text in _surprises(found))}"
-        f"{count} parameter{'s' * (count != 1)} fitted: {error} of {words(output)}"
+        f"{plural(count, 'parameter')} fitted: {error} of {words(output)}"
         f" {_change(found, output)} RMS"
     )
 
@@ -242,8 +242,7 @@ def _estimates(found: Identification) -> Iterator[tuple[Free, Quantity, str]]:
         found.free, found.values.tolist(), found.standard_errors.tolist()
     ):
         parameter = found.fitted.plant.parameters[free.name]
-        scale, unit = display_scale(parameter), display_unit(parameter)
-        yield free, Quantity(scale * value, unit, scale * error), doubt(free, value, error)
+        yield free, shown_value(parameter, value, error), doubt(free, value, error)
 
 
 def _error_card(found: Identification, output: str, floor: float | None) -> Card:
@@ -334,11 +333,10 @@ def _parameter_row(
     found: Identification, free: Free, estimate: Quantity, reason: str
 ) -> tuple[Cell, ...]:
     parameter = found.fitted.plant.parameters[free.name]
-    scale, unit = display_scale(parameter), estimate.unit
     return (
         free.name,
-        Quantity(scale * free.nominal, unit, digits=6),
-        None if free.believed is None else Quantity(scale * free.believed, unit, digits=3),
+        shown_value(parameter, free.nominal, digits=6),
+        None if free.believed is None else shown_value(parameter, free.believed, digits=3),
         estimate,
         Mark(reason or "determined", None if reason else True),
         parameter.param.about,
@@ -627,7 +625,7 @@ def _usable(found: Check) -> str:
     count = len(found.warnings)
     if not count:
         return "The logs are usable"
-    return f"{count} warning{'s' * (count != 1)}: read before fitting"
+    return f"{plural(count, 'warning')}: read before fitting"
 
 
 def _check_cards(found: Check) -> tuple[Card, ...]:
@@ -674,8 +672,8 @@ def _command_row(command: Command, wire: Wire, clock: Sampling) -> tuple[Cell, .
     held = command.clock if command.clock and command.clock > OWN_CLOCK * clock.step else None
     return (
         command.name,
-        _in(command.low, wire),
-        _in(command.high, wire),
+        shown(wire, command.low),
+        shown(wire, command.high),
         command.levels,
         command.reversals,
         held and Quantity(held, "s"),
@@ -684,24 +682,18 @@ def _command_row(command: Command, wire: Wire, clock: Sampling) -> tuple[Cell, .
 
 
 def _output_row(measured: Measured, wire: Wire) -> tuple[Cell, ...]:
-    step = _in(measured.step, wire) if measured.step else "none"
-    low, high = _in(measured.low, wire), _in(measured.high, wire)
+    step = shown(wire, measured.step) if measured.step else "none"
+    low, high = shown(wire, measured.low), shown(wire, measured.high)
     return (measured.name, low, high, step, *_floor(measured.floor, wire))
-
-
-def _in(value: float, wire: Wire) -> Quantity:
-    """A value of a wire [SI] as a person reads it."""
-    scale, unit = display(wire)
-    return Quantity(scale * value, unit)
 
 
 def _floor(floor: Floor, wire: Wire) -> tuple[Quantity, str]:
     """The floor, and what each method saw; the one that counts stands first."""
     if not floor.value:
-        return _in(0.0, wire), "neither steps nor noise seen"
+        return shown(wire, 0.0), "neither steps nor noise seen"
     parts = sorted(floor.parts.items(), key=lambda part: -part[1])
-    rest = ", ".join(f"{name} {_in(size, wire).bare}" for name, size in parts[1:] if size)
-    return _in(floor.value, wire), floor.origin + (f" ({rest})" if rest else "")
+    rest = ", ".join(f"{name} {shown(wire, size).bare}" for name, size in parts[1:] if size)
+    return shown(wire, floor.value), floor.origin + (f" ({rest})" if rest else "")
 
 
 def _clock(clock: Sampling) -> str:
@@ -764,7 +756,7 @@ def _reach_mark(reach: Detectability, has_prior: bool) -> Mark:
 def _size_of(found: Check, name: str, size: float, digits: int = 2) -> Quantity:
     """A size of a parameter [SI] as a person reads it."""
     parameter = found.plant.parameters[name]
-    return Quantity(display_scale(parameter) * size, display_unit(parameter), digits=digits)
+    return shown_value(parameter, size, digits=digits)
 
 
 def _effect_table(found: Check) -> Table:

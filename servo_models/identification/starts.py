@@ -13,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from servo_models.analysis.experiment import shown
 from servo_models.core.bounds import inside
 from servo_models.core.plant import Wire
 from servo_models.core.simulate import Model, Shaft
@@ -26,8 +27,6 @@ from servo_models.identification.simulation import (
     begins_elsewhere,
     prepared,
 )
-from servo_models.report.numbers import Quantity
-from servo_models.units import factor
 
 SLOPE_SAMPLES = 6  # fewest readings of which a parabola tells the rate at first
 SLOPE_SPAN = 0.2  # of the time in which the actuator answers a step, the most that they take
@@ -335,6 +334,4 @@ def _listed(values: Mapping[str, float], wires: Mapping[str, Wire]) -> str:
 
 def _read(value: float, wire: Wire) -> str:
     """A value [SI] of a signal, in the unit that a person reads."""
-    unit = wire.display or wire.unit
-    value = value if abs(value) > NOTHING * wire.scale else 0.0
-    return f"{wire.name} {Quantity(factor(wire.unit, unit) * value, unit, digits=3)}"
+    return f"{wire.name} {shown(wire, value if abs(value) > NOTHING * wire.scale else 0.0, 3)}"

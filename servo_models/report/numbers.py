@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 NONE, MINUS, TIMES = "\N{EN DASH}", "\N{MINUS SIGN}", "\N{MULTIPLICATION SIGN}"
@@ -84,6 +85,17 @@ def prefix(size: float, unit: str) -> tuple[float, str]:
         if abs(size) < below:
             return factor, name + unit
     return 1.0, unit
+
+
+def listed(names: Iterable[str], word: str = "and") -> str:
+    """Return names as one reads them: "a", "a and b", "a, b and c"."""
+    *most, last = names
+    return f"{', '.join(most)} {word} {last}" if most else last
+
+
+def plural(count: int, name: str) -> str:
+    """Return "1 warning" or "3 warnings"."""
+    return f"{count} {name}{'s' * (count != 1)}"
 
 
 def percent(share: float | None) -> str:

@@ -18,6 +18,7 @@ from servo_models.errors import UserError
 from servo_models.files import read_regular
 from servo_models.identification.simulation import prepared
 from servo_models.identification.starts import with_starts
+from servo_models.report.numbers import listed
 from servo_models.report.result import Result
 
 
@@ -142,13 +143,10 @@ def _remarks(told: Sequence[_Told], described: Description, path: Path) -> Itera
         missing = [file for file in one.logs if file not in now]
         other = [file for file, told in one.logs.items() if now.get(file, told) != told]
         if missing:
-            yield f"'{one.path.name}' was made with {_listed(missing)}, which is not here."
+            files = listed(map(repr, missing))
+            yield f"'{one.path.name}' was made with {files}, which is not here."
         if other:
-            yield f"{_listed(other)} has changed since '{one.path.name}' was made."
-
-
-def _listed(names: Sequence[str]) -> str:
-    return ", ".join(f"'{name}'" for name in names)
+            yield f"{listed(map(repr, other))} has changed since '{one.path.name}' was made."
 
 
 def _errors(

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from servo_models.analysis.experiment import display
+from servo_models.analysis.experiment import shown
 from servo_models.analysis.explain import display_scale, display_unit
 from servo_models.analysis.live import NOMINAL
 from servo_models.diagnosis.comparison.compare import Comparison
 from servo_models.identification.live import MOVE, live_logs
+from servo_models.identification.readings import words
 from servo_models.report.live import Live
 from servo_models.report.numbers import Quantity
 from servo_models.report.result import Report, document_of, report_of
@@ -68,18 +69,18 @@ def _sentence(found: Comparison) -> str:
     names = (NOMINAL, *found.sets)
     rows = [sizes for (_, output), sizes in found.errors.items() if output == first]
     total = [sum(size**2 for size in sizes) for sizes in zip(*rows)]
-    scale, unit = display(found.model.plant.wire[first])
+    wire = found.model.plant.wire[first]
     told = ", ".join(
-        f"{name} {Quantity(scale * (sum_ / len(rows)) ** 0.5, unit, digits=3)}"
+        f"{name} {shown(wire, (sum_ / len(rows)) ** 0.5, 3)}"
         for name, sum_ in sorted(zip(names, total), key=lambda it: it[1])
     )
-    return f"Error of {first.replace('_', ' ')}, RMS: {told}"
+    return f"Error of {words(first)}, RMS: {told}"
 
 
 def _errors(found: Comparison) -> Iterator[tuple[Cell, ...]]:
     for (log, output), sizes in found.errors.items():
-        scale, unit = display(found.model.plant.wire[output])
-        yield (log, output.replace("_", " "), *(Quantity(scale * it, unit or "1") for it in sizes))
+        wire = found.model.plant.wire[output]
+        yield (log, words(output), *(shown(wire, it) for it in sizes))
 
 
 def _values(found: Comparison) -> Iterator[tuple[Cell, ...]]:

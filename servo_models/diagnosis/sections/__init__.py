@@ -16,7 +16,7 @@ from servo_models.identification.live import MOVE, live_logs
 from servo_models.identification.readings import log_facts, log_notes
 from servo_models.report.interchange import conditions
 from servo_models.report.live import Live
-from servo_models.report.numbers import ARROW, number, percent
+from servo_models.report.numbers import ARROW, listed, number, percent, plural
 from servo_models.report.result import Report, document_of, report_of
 from servo_models.report.sections import Card, Section
 
@@ -69,8 +69,7 @@ def _cards(diagnosis: Diagnosis) -> Iterator[Card]:
     yield Card("do next", _to_do(diagnosis), None, NEXT if asked else "")
     count = len(summary.warnings(diagnosis))
     if count:
-        many = f"{count} warnings" if count > 1 else "1 warning"
-        yield Card("mind", f"{many}, before using the values", False, WARNINGS)
+        yield Card("mind", f"{plural(count, 'warning')}, before using the values", False, WARNINGS)
 
 
 def _causes(diagnosis: Diagnosis) -> Iterator[Card]:
@@ -234,7 +233,7 @@ def _shape(diagnosis: Diagnosis) -> Section:
         f" diagnosed model leaves: {number(found.before, 3)} noise floors on stretches that no fit"
         f" has seen, {number(found.after, 3)} with it. It takes any form, so it speaks for no"
         " effect and against none. What the parameters"
-        f"{' and ' + summary.listed(beside) if beside else ''} can do as well, such as a straight"
+        f"{' and ' + listed(beside) if beside else ''} can do as well, such as a straight"
         " line of the rate, is in them.",
         tables=tuple(tables.curve(diagnosis, curve) for curve in found.curves),
         pictures=tuple(pictures.curve(diagnosis, curve) for curve in found.curves),

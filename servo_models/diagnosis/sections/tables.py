@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from servo_models.analysis.experiment import display
-from servo_models.analysis.explain import display_scale, display_unit
+from servo_models.analysis.explain import display_scale, display_unit, shown_value
 from servo_models.diagnosis import summary
 from servo_models.diagnosis.gap import DRAWS, Gap
 from servo_models.diagnosis.localisation import Bin, Breakdown
@@ -20,7 +20,7 @@ from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.diagnosis.signatures import sentence
 from servo_models.diagnosis.verdict import OUTSIDE, weights_by_effects
 from servo_models.identification.readings import error_table
-from servo_models.report.numbers import Quantity, number, percent, prefix
+from servo_models.report.numbers import Quantity, listed, number, percent, prefix
 from servo_models.report.sections import Cell, Table
 
 FLOORS = "noise floors"
@@ -214,7 +214,7 @@ def _effect(diagnosis: Diagnosis, effect: RankedEffect) -> tuple[Cell, ...]:
     fitted = diagnosis.selection.fitted
     marks = ["taken"] if effect.taken else ["cannot be told apart"] if effect.in_set else []
     if effect.name in fitted and not effect.taken:
-        marks += [f"beside {summary.listed(effect.beside)}"] if effect.beside else []
+        marks += [f"beside {listed(effect.beside)}"] if effect.beside else []
         marks += summary.marks(diagnosis, fitted[effect.name])
     return (
         effect.name,
@@ -271,7 +271,7 @@ def intervals(fitted_models: Sequence[FittedModel]) -> list[tuple[float, float]]
 
 def together(effects: Sequence[str]) -> str:
     """Return effects that act at once, in words."""
-    return summary.listed(effects) if effects else "parameters alone"
+    return listed(effects) if effects else "parameters alone"
 
 
 def detected(diagnosis: Diagnosis) -> Table:
@@ -338,19 +338,18 @@ def parameters(diagnosis: Diagnosis) -> tuple[Table, Table]:
     rows, about = [], []
     for value in diagnosis.found:
         parameter = known[value.name]
-        scale, unit = display_scale(parameter), display_unit(parameter) or "1"
         alone, prior = moved.get(value.name), priors.get(value.name)
         rows.append(
             (
                 value.name,
-                Quantity(scale * value.nominal, unit, digits=5),
+                shown_value(parameter, value.nominal, digits=5),
                 size(diagnosis, alone) if alone else "",
                 size(diagnosis, value),
                 Quantity(round(moves[value.name], 1) + 0.0) if value.name in moves else None,
                 doubts.get(value.name, ""),
             )
         )
-        before = Quantity(scale * prior, unit, digits=2) if prior else ""
+        before = shown_value(parameter, prior, digits=2) if prior else ""
         about.append((value.name, before, parameter.param.about))
     columns = ("parameter", "before", "re-tuned alone", "after", "moved [prior deviations]", "")
     meanings = ("parameter", "prior deviation", "what it is")
