@@ -70,6 +70,19 @@ class Result:
             return self.inputs[name]
         raise UserError(unknown("signal", name, {**self.outputs, **self.inputs}))
 
+    def to_pandas(self) -> Any:
+        """Return a DataFrame in SI: a column for each input and output, times [s] as its index.
+
+        Raises:
+            UserError: pandas is not installed.
+        """
+        try:
+            import pandas as pd  # type: ignore[import-untyped]
+        except ImportError:
+            raise UserError("pandas is not installed: pip install pandas") from None
+        index = pd.Index(self.times, name="time")
+        return pd.DataFrame({**self.inputs, **self.outputs}, index=index)
+
 
 @functools.lru_cache(maxsize=PLANTS)
 def flat_of(plant: Plant, name: str) -> Flat:

@@ -298,3 +298,13 @@ def test_nominal_rates_are_those_of_a_step(name: str, variant: str) -> None:
             continue
         peak = float(np.abs(response[wire.name]).max())
         assert TWENTIETH * wire.scale < peak < FIVE_TIMES * wire.scale, wire.name
+
+
+def test_a_response_is_a_data_frame() -> None:
+    times = np.arange(0.0, 0.1, 0.001)
+    response = simulate(model("sg90"), times, {"pulse_width": 1.9e-3})
+    frame = response.to_pandas()
+    assert frame.index.name == "time"
+    assert list(frame.columns) == [*response.inputs, *response.outputs]
+    np.testing.assert_array_equal(frame["angle"], response["angle"])
+    np.testing.assert_array_equal(frame.index, times)
