@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import base64
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,9 +18,17 @@ from servo_models.core.js_text import js_model, js_run_text
 from servo_models.core.simulate import Model, model
 from servo_models.core.stepper import run_text
 from servo_models.core.types import Array
+from tests.support.browser import chromium
 
 NODE = Path(__file__).parents[1] / "support" / "run_many.js"
 SETS = 120
+AS_TEXT = """
+const ran = (numbers) => {
+    const found = runMany(model, new Float64Array(numbers), wasAsked);
+    const letters = Array.from(new Uint8Array(found.buffer), (it) => String.fromCharCode(it));
+    return btoa(letters.join(""));
+};
+"""
 QUICK = ("dc_motor", "torque_motor")
 PLANTS = [
     pytest.param(name, variant.name, marks=pytest.mark.thorough if k or name not in QUICK else ())
@@ -68,17 +78,47 @@ def experiment(chosen: Model, random: np.random.Generator) -> tuple[Array, Array
     return times, np.column_stack(columns)
 
 
-def in_javascript(folder: Path, sets: list[Model], times: Array, inputs: Array) -> list[Ran]:
-    text, given, found = folder / "run.js", folder / "in", folder / "out"
-    text.write_text(js_model(sets[0].flat), encoding="utf-8")
+Engine = Callable[[str, Array], Array]
+"""Runs ``run_many.js`` with the text of a model on numbers."""
+
+
+@pytest.fixture
+def in_node(tmp_path: Path) -> Engine:
+    def run(program: str, numbers: Array) -> Array:
+        text, given, found = tmp_path / "model.js", tmp_path / "in", tmp_path / "out"
+        text.write_text(program, encoding="utf-8")
+        numbers.astype("<f8").tofile(given)
+        assert node([str(NODE), str(text), str(given), str(found)]) == 0
+        return np.fromfile(found, "<f8")
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def in_browser() -> Iterator[Engine]:
+    with chromium() as browser:
+
+        def run(program: str, numbers: Array) -> Array:
+            page = browser.new_page()
+            page.add_script_tag(content=NODE.read_text("utf-8"))
+            page.add_script_tag(
+                content=f"const wasAsked = watched(), model = {program};\n{AS_TEXT}"
+            )
+            given = page.evaluate("(numbers) => ran(numbers)", numbers.tolist())
+            page.close()
+            return np.frombuffer(base64.b64decode(given), "<f8")
+
+        yield run
+
+
+def in_javascript(engine: Engine, sets: list[Model], times: Array, inputs: Array) -> list[Ran]:
     starts = [it.start() for it in sets]
     states, outputs = len(starts[0]), len(sets[0].plant.outputs)
     head = [len(sets), len(sets[0].values), states, len(times), inputs.shape[1], outputs]
     each = [np.concatenate([[*it.values.values()], start]) for it, start in zip(sets, starts)]
-    np.concatenate([head, times, inputs.ravel(), *each]).astype("<f8").tofile(given)
-    assert node([str(NODE), str(text), str(given), str(found)]) == 0
+    numbers = np.concatenate([head, times, inputs.ravel(), *each])
     ran = []
-    for row in np.fromfile(found, "<f8").reshape(len(sets), -1):
+    for row in engine(js_model(sets[0].flat), numbers).reshape(len(sets), -1):
         assert row[3] <= (1e-15 if row[2] else 0.0)  # at rest
         state, out = np.split(row[4:], [states])
         ran.append(Ran(row[0], row[1], bool(row[2]), state, out.reshape(len(times), outputs)))
@@ -93,12 +133,22 @@ def compiled(chosen: Model, times: Array, inputs: Array) -> Ran:
 
 
 @pytest.mark.parametrize(("name", "variant"), PLANTS)
-def test_javascript_is_c(name: str, variant: str, tmp_path: Path) -> None:
+def test_javascript_is_c(name: str, variant: str, in_node: Engine) -> None:
+    check(name, variant, in_node)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(("name", "variant"), PLANTS)
+def test_javascript_in_a_browser_is_c(name: str, variant: str, in_browser: Engine) -> None:
+    check(name, variant, in_browser)
+
+
+def check(name: str, variant: str, engine: Engine) -> None:
     random = np.random.default_rng(13)
     chosen = model(name, variant)
     sets, (times, inputs) = drawn(chosen, random), experiment(chosen, random)
     exact, near = [], []
-    for one, js in zip(sets, in_javascript(tmp_path, sets, times, inputs)):
+    for one, js in zip(sets, in_javascript(engine, sets, times, inputs)):
         c = compiled(one, times, inputs)
         assert (js.code, js.place) == (c.code, c.place)
         if c.code:
