@@ -1,6 +1,6 @@
 """Draw ``gap.svg``: a log, the model before and after its diagnosis, and what each misses.
 
-servo-models diagnose examples/gimbal/gimbal.toml --out examples/gimbal/GAP.toml
+servo-models diagnose examples/gimbal/gimbal.toml --out examples/gimbal/GAP.toml --report docs/gap.html
 python docs/draw_gap.py
 """
 

@@ -13,6 +13,7 @@ import pytest
 
 from servo_models.diagnosis.schema import DiagnosisDocument
 from servo_models.report.document import schema_of
+from servo_models.report.live import asset
 from tests.conftest import Run
 from tests.support.document import ROOT, code_blocks, follow
 
@@ -113,3 +114,9 @@ def test_the_python_of_the_readme(
     monkeypatch.chdir(tmp_path)
     exec(of_fmu, names)
     assert set(names["result"].dtype.names) == {"time", "angle", "current"}
+
+
+def test_the_report_in_the_documentation_has_the_panel_of_today() -> None:
+    page = (ROOT / "docs" / "gap.html").read_text("utf-8")
+    assert asset("panel.js") in page
+    assert "drive_dead_zone" in page
