@@ -1,7 +1,8 @@
 """Draw ``gap.svg``: a log, the model before and after its diagnosis, and what each misses.
 
-servo-models diagnose examples/gimbal/gimbal.toml --out examples/gimbal/GAP.toml --report docs/gap.html
-python docs/draw_gap.py
+cd examples/gimbal
+servo-models diagnose gimbal.toml --out GAP.toml --report ../../docs/gap.html
+python ../../docs/draw_gap.py
 """
 
 from pathlib import Path

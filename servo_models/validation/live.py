@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from servo_models.analysis.live import live_model
+from servo_models.core.plant import Plant
 from servo_models.core.simulate import model
 from servo_models.report.live import Live, LiveModel, LiveRun, encoded
 from servo_models.validation.cases import Case, all_cases
@@ -17,13 +18,18 @@ TEXT = (
 
 
 def panel(validation: Validation) -> Live | None:
-    """Return the panel: of every variant that was examined the first run with a reference."""
-    examined = dict.fromkeys((row.actuator, row.variant) for row in validation.rows)
+    """Return the panel: of each actuator a variant for each of its plants, beside a reference.
+
+    Of those that were examined it is the first with a run; others differ from it in values only.
+    """
     cases: dict[tuple[str, str], Case] = {}
     for case in sorted(all_cases(), key=lambda case: not case.is_step):
-        if (case.actuator, case.variant) in examined:
-            cases.setdefault((case.actuator, case.variant), case)
-    models = tuple(_model(cases[key]) for key in examined if key in cases)
+        cases.setdefault((case.actuator, case.variant), case)
+    first: dict[Plant, Case] = {}
+    for key in dict.fromkeys((row.actuator, row.variant) for row in validation.rows):
+        if key in cases:
+            first.setdefault(model(*key).plant, cases[key])
+    models = tuple(map(_model, first.values()))
     return Live(TITLE, TEXT, models, "your values", "reference") if models else None
 
 

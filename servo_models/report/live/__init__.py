@@ -12,6 +12,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import math
+import re
 import zlib
 from dataclasses import asdict, dataclass, field, replace
 from importlib.resources import files
@@ -22,6 +23,9 @@ from servo_models.report.interchange import finite_json
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
+
+
+VARIABLE = re.compile(r"\bv_\w+")  # as ``core.js_text`` writes those of a model
 
 
 @dataclass(frozen=True)
@@ -191,7 +195,7 @@ def scripts(panels: tuple[Live, ...]) -> list[str]:
         return []
     library = f"/*\n{asset('uPlot.LICENSE')}*/\n{asset('uPlot.iife.min.js')}"
     programs = dict.fromkeys(model.program for panel in panels for model in panel.models)
-    models = [f"(globalThis.servoModels ??= []).push({_flush(it)});" for it in programs]
+    models = [f"(globalThis.servoModels ??= []).push({_short(it)});" for it in programs]
     explorer = [asset("explore.js")] if any(panel.dropped for panel in panels) else []
     texts = [library, *models, *explorer, asset("panel.js")]
     if any("</script" in text.lower() or "<!--" in text for text in texts):
@@ -199,9 +203,11 @@ def scripts(panels: tuple[Live, ...]) -> list[str]:
     return texts
 
 
-def _flush(program: str) -> str:
-    """A program without its indentation, which is a third of it."""
-    return "\n".join(line.lstrip() for line in program.split("\n"))
+def _short(program: str) -> str:
+    """A program without its indentation and with short names: a third of its length."""
+    names = {name: f"${k}" for k, name in enumerate(dict.fromkeys(VARIABLE.findall(program)))}
+    text = VARIABLE.sub(lambda found: names[found[0]], program)
+    return "\n".join(line.lstrip() for line in text.split("\n"))
 
 
 def styles(panels: tuple[Live, ...]) -> str:
