@@ -35,6 +35,7 @@ import re
 import typing
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from string import Formatter
 from typing import Any, Literal
 
 SIGNAL = "signal"  # unit of a parameter that takes the unit and the scale of the wire it acts on
@@ -260,6 +261,7 @@ class Hints:
         family: what it is in a word that effects share which exchange for each other, such as
             "friction".
         learnt: it has whatever form a log shows, so it is never searched for as a cause.
+        says: what it does with its size, in a clause: its parameters in braces, and ``{wire}``.
     """
 
     trial_values: tuple[float, ...] = ()
@@ -279,6 +281,7 @@ class Hints:
     of_changes: bool = False
     family: str = ""
     learnt: bool = False
+    says: str = ""
 
     @property
     def counts(self) -> tuple[str, ...]:
@@ -486,6 +489,7 @@ def _check_hints(made: Block, hints: Hints) -> None:
     """Refuse hints of parameters, memories or groups that are not the effect's own."""
     params = {name for block in (made, *made.parts) for name in block.params}
     asked = {*hints.not_at_first, hints.jump, hints.phase, hints.count, hints.inertia} - {""}
+    asked |= {name for _, name, *_ in Formatter().parse(hints.says) if name} - {"wire"}
     memories = set[str]()
     if hints.small_signal:
         asked.add(hints.small_signal.time)

@@ -10,6 +10,7 @@ from servo_models.core.block import Ambiguity, Hints, Memory, Mode, Param, effec
     "rate",
     source="Nordin, Gutman, Automatica 38 (2002) 1633 (friction-driven play)",
     hints=Hints(
+        says="{half_width} of play to either side",
         ambiguity=Ambiguity(
             "log a motor-side signal or the current; a one-sided load removes backlash",
             ("backlash",),

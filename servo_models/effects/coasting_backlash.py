@@ -112,6 +112,7 @@ def coasting_friction(
     name="coasting_backlash",
     parts=(divided_inertia, contact_step, coasting_load, coasting_friction),
     hints=Hints(
+        says="{half_width} of play to either side, before an output that coasts",
         assumed=("contact", "damping"),
         ambiguity=Ambiguity(
             "log a motor-side signal or the current; a one-sided load removes the play",

@@ -14,6 +14,7 @@ PHASE = Param("rad", "phase of a further sine", low=-3.15, high=3.15, display="d
     "load",
     source="Hanselman, Brushless Permanent Magnet Motor Design, 2006, ch. 7",
     hints=Hints(
+        says="the torque ripples by {torque}, {count} times a turn",
         phase="phase",
         count="count",
         angle="shaft_angle",

@@ -5,7 +5,7 @@ from typing import Annotated
 from servo_models.core.block import Hints, Param, effect
 
 
-@effect("load", source="definition", hints=Hints(family="load"))
+@effect("load", source="definition", hints=Hints(says="a constant load of {torque}", family="load"))
 def constant_load(
     load: float,
     torque: Annotated[

@@ -8,7 +8,7 @@ from servo_models.core.block import Hints, Param, effect
 @effect(
     "friction",
     source="Armstrong-Helouvry et al., Automatica 30 (1994) 1083",
-    hints=Hints(family="friction"),
+    hints=Hints(says="dry friction of {level}", family="friction"),
 )
 def coulomb_friction(
     friction: float,

@@ -8,7 +8,11 @@ from servo_models.core.block import Grid, Hints, Memory, Param, effect
 @effect(
     "signal",
     source="servo amplifier data sheets (dead band width in us)",
-    hints=Hints(family="dead zone", grid=Grid(low=0.05, high=10.0, least_spacing=0.005)),
+    hints=Hints(
+        says="changes of the {wire} below {half_width} do nothing",
+        family="dead zone",
+        grid=Grid(low=0.05, high=10.0, least_spacing=0.005),
+    ),
 )
 def dead_band(
     signal: float,

@@ -9,6 +9,7 @@ from servo_models.core.block import Ambiguity, Hints, Param, effect
     "signal",
     source="SG90 paper sec. 4.3 (insensitivity zone); valve paper sec. 1 (threshold)",
     hints=Hints(
+        says="the {wire} does nothing within {half_width} of zero",
         family="dead zone",
         jump="kept",
         ambiguity=Ambiguity(

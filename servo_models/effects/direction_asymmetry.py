@@ -2,10 +2,14 @@
 
 from typing import Annotated
 
-from servo_models.core.block import Param, effect
+from servo_models.core.block import Hints, Param, effect
 
 
-@effect("signal", source="SG90 paper sec. 4.3 (+670 / -544 rad/s)")
+@effect(
+    "signal",
+    source="SG90 paper sec. 4.3 (+670 / -544 rad/s)",
+    hints=Hints(says="the positive direction is stronger by {ratio}"),
+)
 def direction_asymmetry(
     signal: float,
     ratio: Annotated[

@@ -8,7 +8,9 @@ from servo_models.core.block import LIMITS_OVER_TYPICAL, Hints, Param, effect
 @effect(
     "travel",
     source="SG90 paper sec. 4.4; valve paper sec. 2",
-    hints=Hints(trial_values=LIMITS_OVER_TYPICAL),
+    hints=Hints(
+        says="the shaft stops at {half_range} to either side", trial_values=LIMITS_OVER_TYPICAL
+    ),
 )
 def end_stops(
     travel: float,

@@ -9,6 +9,7 @@ from servo_models.core.block import OTHER_UNITS, Ambiguity, Hints, Param, effect
     "signal",
     source="definition",
     hints=Hints(
+        says="the gain of the {wire} is off by {error}",
         family="gain error",
         parameter_units=(OTHER_UNITS,),
         of_changes=True,

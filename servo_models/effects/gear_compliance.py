@@ -73,6 +73,7 @@ def resonance_step(
     name="gear_compliance",
     parts=(compliant_load, resonance_step),
     hints=Hints(
+        says="the gear twists by {compliance}",
         inertia="inertia",
         ambiguity=Ambiguity(
             "a chirp through the resonance, sampled 20 times faster than it",

@@ -6,7 +6,11 @@ from typing import Annotated
 from servo_models.core.block import Hints, Param, effect
 
 
-@effect("load", source="definition", hints=Hints(family="load", phase="phase"))
+@effect(
+    "load",
+    source="definition",
+    hints=Hints(says="a weight pulls with {torque} at most", family="load", phase="phase"),
+)
 def gravity_load(
     load: float,
     angle: float,

@@ -3,11 +3,13 @@
 import math
 from typing import Annotated
 
-from servo_models.core.block import Memory, Param, effect
+from servo_models.core.block import Hints, Memory, Param, effect
 
 
 @effect(
-    "signal", source="Coleman, Hodgdon, Int. J. Eng. Sci. 24 (1986) 897, linear material functions"
+    "signal",
+    source="Coleman, Hodgdon, Int. J. Eng. Sci. 24 (1986) 897, linear material functions",
+    hints=Hints(says="the {wire} comes back {half_width} off to either side"),
 )
 def hysteresis(
     signal: float,

@@ -10,6 +10,7 @@ from servo_models.core.block import FirstOrderLag, Hints, Memory, Param, effect
     "signal",
     source="Franklin, Powell, Workman, Digital Control, 1998, ch. 6 (ramp invariant)",
     hints=Hints(
+        says="the {wire} lags with a time constant of {time_constant}",
         family="delay",
         small_signal=FirstOrderLag("time_constant", input="last", output="value"),
         parameter_units=("s",),

@@ -8,7 +8,7 @@ from servo_models.core.block import Hints, Param, effect
 @effect(
     "friction",
     source="Duclusaud et al., Extended friction models, 2025",
-    hints=Hints(family="friction"),
+    hints=Hints(says="friction of {coefficient} of the load", family="friction"),
 )
 def load_friction(
     friction: float,

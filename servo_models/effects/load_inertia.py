@@ -9,6 +9,7 @@ from servo_models.core.block import Ambiguity, Hints, Param, effect
     "shaft_inertia",
     source="definition",
     hints=Hints(
+        says="{inertia} more inertia",
         ambiguity=Ambiguity(
             "add a known inertia, or switch the torque off and let it run out",
             ("load_inertia",),

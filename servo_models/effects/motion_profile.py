@@ -15,6 +15,7 @@ SHORTEST_S = 1e-6  # acceleration times below this one are none
     "signal",
     source="ROBOTIS e-manual, X series, What is the Profile (velocity-based)",
     hints=Hints(
+        says="the goal moves at {velocity} at most",
         family="limit",
         trial_values=TRIALS_OVER_TYPICAL,
         inverse=True,

@@ -5,7 +5,11 @@ from typing import Annotated
 from servo_models.core.block import Hints, Param, effect
 
 
-@effect("spring_angle", source="valve paper sec. 1 (null shift)", hints=Hints(family="offset"))
+@effect(
+    "spring_angle",
+    source="valve paper sec. 1 (null shift)",
+    hints=Hints(says="zero torque is at {angle}", family="offset"),
+)
 def null_shift(
     spring_angle: float,
     angle: Annotated[

@@ -9,6 +9,7 @@ from servo_models.core.block import Ambiguity, Hints, Param, effect
     "signal",
     source="definition",
     hints=Hints(
+        says="the {wire} is off by {value}",
         family="offset",
         ambiguity=Ambiguity(
             "the same moves with the pose turned upside down",

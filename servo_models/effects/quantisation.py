@@ -12,6 +12,7 @@ FINEST = 4503599627370496.0  # 2^52: beyond, every float is a whole number of co
     "signal",
     source="SG90 paper sec. 4.1 (1024 levels of 5 V)",
     hints=Hints(
+        says="the {wire} has steps of {step}",
         family="quantisation",
         grid=Grid(low=0.2, high=150.0, least_spacing=0.0015),
         assumed=("rounding",),

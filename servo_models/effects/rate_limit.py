@@ -13,6 +13,7 @@ what the next one does."""
     "signal",
     source="Klyde, McRuer, Myers, Pilot-induced oscillation analysis, 1996",
     hints=Hints(
+        says="the {wire} changes by {rate} at most",
         family="limit",
         trial_values=TRIALS_OVER_TYPICAL,
         inverse=True,

@@ -14,6 +14,7 @@ SHORTEST = 1e-6  # frames [s] below this one are not told from a continuous sign
     "signal",
     source="SG90 paper sec. 4.1 (20 ms frame); Park, Miller, CACM 31 (1988) 1192",
     hints=Hints(
+        says="the {wire} is read every {period}",
         family="delay",
         grid=Grid(low=0.15, high=10.0, least_spacing=0.0015, divides="duration"),
         assumed=("jitter",),

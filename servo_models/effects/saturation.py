@@ -9,6 +9,7 @@ from servo_models.core.block import LIMITS_OVER_TYPICAL, Ambiguity, Hints, Param
     "signal",
     source="Gelb, Vander Velde, Multiple-Input Describing Functions, 1968",
     hints=Hints(
+        says="the {wire} stays within {limit}",
         family="limit",
         inverse=True,
         trial_values=LIMITS_OVER_TYPICAL,

@@ -17,6 +17,7 @@ TRIALS_OVER_TYPICAL = tuple(0.1 * 1.3**k for k in range(18))
     source="He, Wang, Pottmann, Qin, Ind. Eng. Chem. Res. 46 (2007) 4549; S and J: Choudhury,"
     " Thornhill, Shah, Control Engineering Practice 13 (2005) 641",
     hints=Hints(
+        says="it sticks over a band of {band}",
         trial_values=TRIALS_OVER_TYPICAL,
         jump="jump",
         ambiguity=Ambiguity(

@@ -2,10 +2,14 @@
 
 from typing import Annotated
 
-from servo_models.core.block import Param, effect
+from servo_models.core.block import Hints, Param, effect
 
 
-@effect("signal", source="valve paper eq. 2, general T_s(theta)")
+@effect(
+    "signal",
+    source="valve paper eq. 2, general T_s(theta)",
+    hints=Hints(says="the spring stiffens by {coefficient}"),
+)
 def stiffness_hardening(
     signal: float,
     spring_angle: float,

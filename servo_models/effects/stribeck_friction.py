@@ -10,6 +10,7 @@ from servo_models.core.block import Ambiguity, Hints, Param, effect
     "friction",
     source="Armstrong-Helouvry et al., Automatica 30 (1994) 1083, eq. 3",
     hints=Hints(
+        says="{excess} more friction near standstill",
         family="friction",
         ambiguity=Ambiguity(
             "very slow ramps, as slow as it still moves, both ways, without and with a load",

@@ -8,7 +8,7 @@ from servo_models.core.block import Hints, Param, effect
 @effect(
     "signal",
     source="SG90 paper sec. 4.2 (the range printed there is the tested one)",
-    hints=Hints(family="limit", inverse=True),
+    hints=Hints(says="the drive has {share} of the supply at most", family="limit", inverse=True),
 )
 def supply_limit(
     signal: float,

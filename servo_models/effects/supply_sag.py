@@ -2,10 +2,12 @@
 
 from typing import Annotated
 
-from servo_models.core.block import Param, effect
+from servo_models.core.block import Hints, Param, effect
 
 
-@effect("signal", source="Ohm's law")
+@effect(
+    "signal", source="Ohm's law", hints=Hints(says="the supply has a resistance of {resistance}")
+)
 def supply_sag(
     signal: float,
     supply_current: float,

@@ -22,6 +22,7 @@ EDGES = 512
     "signal",
     source="valve paper eq. 12 (1.1 ms); Astrom, Hagglund, Advanced PID Control, 2006",
     hints=Hints(
+        says="the {wire} acts {time} late",
         family="delay",
         small_signal=DeadTime("time", input="newest", output="current"),
         ambiguity=Ambiguity(

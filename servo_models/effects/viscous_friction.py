@@ -8,7 +8,11 @@ from servo_models.core.block import Hints, Param, effect
 @effect(
     "load",
     source="definition",
-    hints=Hints(family="friction", parameter_units=("N.m.s/rad", "N.s/m")),
+    hints=Hints(
+        says="drag of {torque} at full speed",
+        family="friction",
+        parameter_units=("N.m.s/rad", "N.s/m"),
+    ),
 )
 def viscous_friction(
     load: float,

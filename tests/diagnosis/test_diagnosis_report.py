@@ -162,7 +162,7 @@ def test_the_answer_is_told_before_anything_else(found: Diagnosis, text: str) ->
     top = " ".join("".join(page.text).split())
     for said in ("transport_delay on 'voltage'", "before", "left"):
         assert said in top
-    (size,) = re.findall(rf"time {NUMBER} {ERROR} {NUMBER} ms", top)
+    (size,) = re.findall(rf"acts {NUMBER} {ERROR} {NUMBER} ms late", top)
     assert float(size[0]) == pytest.approx(1e3 * DELAY, abs=4.0 * float(size[1]))
     assert "--out PARAMS.toml" in top
     details = text.index('<details class="section">')

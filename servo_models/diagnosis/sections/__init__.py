@@ -13,7 +13,7 @@ from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.sections import pictures, tables
 from servo_models.diagnosis.verdict import NOT_IDENTIFIABLE, OUTSIDE, PARAMETERS
 from servo_models.identification.live import MOVE, live_logs
-from servo_models.identification.readings import log_facts, log_notes
+from servo_models.identification.readings import log_facts, log_notes, words
 from servo_models.report.interchange import conditions
 from servo_models.report.live import Live
 from servo_models.report.numbers import ARROW, listed, number, percent, plural
@@ -92,12 +92,15 @@ def _causes(diagnosis: Diagnosis) -> Iterator[Card]:
 
 def _cause(diagnosis: Diagnosis, effect: RankedEffect) -> str:
     rival = not effect.taken and any(one.taken for one in diagnosis.ranking)
-    sizes = ", ".join(
-        f"{value.name.rpartition('.')[2]} {tables.size(diagnosis, value)}"
+    sizes = {
+        value.name.rpartition(".")[2]: str(tables.size(diagnosis, value))
         for value in effect.parameters
-    )
+    }
+    says = diagnosis.model.plant.main(effect.name).effect.hints.says
+    listed_sizes = ", ".join(f"{name} {size}" for name, size in sizes.items())
+    told = says.format(wire=words(effect.wire), **sizes) if says else listed_sizes
     chance = f", {tables.likelihood(effect)}" if effect.probability is not None else ""
-    return f"{'or ' * rival}{effect.name} on '{effect.wire}'{chance}: {sizes}"
+    return f"{'or ' * rival}{effect.name} on '{effect.wire}'{chance}: {told}"
 
 
 def _moved(diagnosis: Diagnosis, value: Value) -> str:
