@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import re
+import zlib
 from dataclasses import replace
 from importlib.resources import files
 
@@ -11,7 +13,7 @@ from jinja2.environment import TemplateModule
 from markupsafe import Markup, escape
 
 from servo_models.report import live, style
-from servo_models.report.sections import Mark, Page, Picture, Section
+from servo_models.report.sections import Mark, Page, Picture, Section, Table
 
 MARKS = {True: "✓", False: "✗", None: "○"}
 """A sign beside each verdict, so that it does not hang on colour."""
@@ -24,7 +26,7 @@ def page(report: Page) -> str:
     """Return a report as one HTML page; every text is escaped, only our own figures are markup."""
     sheet = files("servo_models.report").joinpath("report.css").read_text("utf-8")
     panels = report.panels
-    sheets = "\n".join([style.variables(), sheet, live.styles(panels)])
+    sheets = "\n".join([style.variables(), sheet, _labels(report), live.styles(panels)])
     scripts = live.scripts(panels)
     made: str = _template(report).page(  # type: ignore[attr-defined]
         Markup(sheets),
@@ -33,6 +35,22 @@ def page(report: Page) -> str:
         Markup(live.data(panels)),
     )
     return str(made)
+
+
+def _labels(report: Page) -> str:
+    """Headings for phones, where a row becomes a block: once a kind of table, not in each cell."""
+    kinds = {_kind(table): table.headings for table in report.tables}
+    texts = {
+        f".{kind} td:nth-child({k})": json.dumps(heading, ensure_ascii=False).replace("<", r"\3c ")
+        for kind, headings in kinds.items()
+        for k, heading in enumerate(headings, 1)
+    }
+    return "\n".join(f"{cells} {{ --label: {text}; }}" for cells, text in texts.items())
+
+
+def _kind(table: Table) -> str:
+    """A class that tables with the same headings share."""
+    return f"t{zlib.crc32(repr(table.headings).encode()):x}"
 
 
 def notebook(report: Page) -> str:
@@ -76,5 +94,6 @@ def _template(report: Page) -> TemplateModule:
         {
             **{"report": report, "marks": MARKS, "judgements": JUDGEMENTS, "svg": svg},
             "panel": lambda panel: lively[id(panel)],
+            "kind": _kind,
         }
     )

@@ -162,3 +162,13 @@ def test_a_result_draws_on_axes_of_the_user() -> None:
 def test_a_result_is_written_whole(tmp_path: Path) -> None:
     Kept().write_report(tmp_path / "page.html")
     assert (tmp_path / "page.html").read_text("utf-8") == html.page(REPORT)
+
+
+def test_hostile_headings_stay_text_in_the_style_of_a_page() -> None:
+    heading = '"} </style><script>alert(1)</script> \\'
+    table = Table("A table", ("a", heading, "c", "d"), (("1", "2", "3", "4"),))
+    text = html.page(replace(REPORT, sections=(Section("Of headings", tables=(table,)),)))
+    Page(text).assert_stands_alone()
+    assert "<script>" not in text
+    style = text.partition("<style>")[2].partition("</style>")[0]
+    assert r'--label: "\"} \3c /style>' in style
