@@ -46,6 +46,13 @@ def diagnose(
             help="Write the diagnosed model with its residual map, where one is learnt (.toml).",
         ),
     ] = None,
+    signals: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Write what was measured, simulated and is left (.csv or .parquet).",
+        ),
+    ] = None,
     format_: Annotated[
         Format, typer.Option("--format", help="How the result is printed.")
     ] = Format.TEXT,
@@ -96,11 +103,13 @@ def diagnose(
     from servo_models.diagnosis.diagnose import diagnose as run
     from servo_models.diagnosis.document import github
     from servo_models.diagnosis.search.selection import FIRST_ANSWER, TOLERANCE
-    from servo_models.files import write_whole
+    from servo_models.files import write_whole, write_with
     from servo_models.units import parse
 
     toml = ((out, ".toml"), (map_, ".toml"))
     check_outputs((json, ".json"), (report, ".html"), *toml, description=description)
+    if signals:
+        check_outputs((signals, ".parquet" if signals.suffix == ".parquet" else ".csv"))
     allowed = TOLERANCE if tolerance is None else tolerance
     if not isfinite(allowed):
         raise UserError(f"--tolerance {allowed}: give a number of noise floors, such as 2")
@@ -127,6 +136,10 @@ def diagnose(
         found.write_report(report, today.isoformat())
     if out:
         write_parameters(found.parameter_set(today), out)
+    if signals:
+        table = found.signals()
+        kind = table.write_parquet if signals.suffix == ".parquet" else table.write_csv
+        write_with(signals, kind)
     if map_ and found.residual_map:
         write_parameters(found.map_parameter_set(today), map_)
     if format_ is Format.JSON:

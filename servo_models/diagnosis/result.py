@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import count
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -36,6 +37,9 @@ from servo_models.diagnosis.verdict import (
 from servo_models.identification.readings import Reading, reading
 from servo_models.identification.resolution import Blur, blurs
 from servo_models.report.result import Result
+
+if TYPE_CHECKING:
+    import polars as pl
 
 MUCH = 0.5
 """Size of an effect that they imitate, over the gap, from which it is worth an experiment."""
@@ -214,6 +218,28 @@ class Diagnosis(Parametrised, Result):
                 simulated = {name: out[:, k] for name, out in finite.items()}
                 readings.append(reading(log, wire, simulated))
         return tuple(readings)
+
+    def signals(self) -> pl.DataFrame:
+        """Return every output of every log: measured, of each stage, and what the last one leaves.
+
+        Example:
+            ``found.signals().write_parquet("signals.parquet")``, for PlotJuggler or a notebook.
+        """
+        import polars as pl
+
+        tables: dict[str, dict[str, Any]] = {}
+        for one in self.readings:
+            columns = tables.setdefault(one.log.name, {"time [s]": one.log.stamps})
+            unit = f" [{one.unit}]" if one.unit else ""
+            columns[f"{one.wire.name} measured{unit}"] = one.measured
+            for stage, values in one.simulated.items():
+                columns[f"{one.wire.name} {stage}{unit}"] = values
+            columns[f"{one.wire.name} left{unit}"] = one.error
+        frames = [
+            pl.DataFrame(columns).insert_column(0, pl.lit(name).alias("log"))
+            for name, columns in tables.items()
+        ]
+        return pl.concat(frames, how="diagonal")
 
     @cached_property
     def localisation(self) -> tuple[Breakdown, ...]:

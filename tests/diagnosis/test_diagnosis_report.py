@@ -37,6 +37,7 @@ from servo_models.diagnosis.verdict import (
     PARAMETERS,
 )
 from servo_models.identification.result import Accuracy
+from servo_models.identification.simulation import prepared
 from servo_models.report import html
 from servo_models.report.curves import draw_legend
 from servo_models.report.numbers import ERROR, MINUS, prefix
@@ -506,3 +507,16 @@ def test_a_parameter_that_the_logs_do_not_determine_has_a_bar_of_the_whole_width
     text = _page(replace(found, moved=unknown))
     assert "How far nominal parameters moved" in text
     assert not [it for it in recwarn if "overflow" in str(it.message)]
+
+
+def test_signals_are_those_of_the_logs_and_of_simulations(found: Diagnosis) -> None:
+    table = found.signals()
+    (log,) = found.logs
+    measured, *simulated, left = table.columns[2:]
+    np.testing.assert_allclose(
+        table[measured], np.degrees(log.outputs["angle"]), rtol=1e-12, atol=1e-15
+    )
+    np.testing.assert_allclose(table["time [s]"], log.stamps)
+    run = prepared(found.fitted, log)
+    np.testing.assert_allclose(table[simulated[-1]], np.degrees(run.outputs({})[:, 0]), atol=1e-4)
+    np.testing.assert_allclose(table[left], table[simulated[-1]] - table[measured], atol=1e-12)
