@@ -66,7 +66,7 @@ def overview() -> Report:
         for actuator in actuators().values()
         for variant in actuator.variants
     )
-    found = tuple((name, _where(name), about_effect(name)) for name in effects())
+    found = tuple((name, _where(name), _about(name)) for name in effects())
     return data_sheet(
         "Actuators and effects",
         (),
@@ -177,7 +177,7 @@ def _effect_sheet(name: str) -> Report:
     )
     return data_sheet(
         name,
-        (about_effect(name), *(_block_text(block) for block in effects()[name])),
+        (_about(name), *(_block_text(block) for block in effects()[name])),
         (
             Table("Acts on", ("actuator", "as", "wire"), where),
             Table(
@@ -291,8 +291,8 @@ def _equation(block: Block, plant: Plant) -> str:
     return f"{summary}; from {', '.join(reads)}" if reads else summary
 
 
-def about_effect(effect: str) -> str:
-    """Return what an effect is: the first line of its file."""
+def _about(effect: str) -> str:
+    """First line of the file of an effect."""
     module = inspect.getmodule(effects()[effect][0].function)
     return (inspect.getdoc(module) or "").splitlines()[0]
 

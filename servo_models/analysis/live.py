@@ -11,7 +11,6 @@ import numpy as np
 from servo_models.analysis.demonstration import demonstrate
 from servo_models.analysis.experiment import display
 from servo_models.analysis.explain import (
-    about_effect,
     display_scale,
     display_unit,
     effect_name,
@@ -124,7 +123,7 @@ def live_model(
         variant=model.variant,
         parameters=parameters,
         effects={
-            owner: about_effect(plant.main(owner).effect.name) for owner in model.flat.switches
+            owner: plant.main(owner).effect.about.split("\n", 1)[0] for owner in model.flat.switches
         },
         inputs=tuple(_signal(wire, None) for wire in plant.inputs),
         outputs=tuple(_signal(plant.wire[it], (floors or {}).get(it)) for it in plant.outputs),

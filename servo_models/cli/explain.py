@@ -71,6 +71,7 @@ def explain(
 
         with progress(f"writing {page}"):
             write_whole(page, html(explained(name, variant)).encode())
+        print(f"wrote '{page}'")
     if picture:
         from servo_models.analysis.demonstration import portrait
         from servo_models.analysis.pictures import check_suffix, save

@@ -11,6 +11,8 @@ import pytest
 import servo_models as sm
 from servo_models.analysis.isolability import cause, experiment
 from servo_models.diagnosis.search.candidates import candidates
+from servo_models.identification.live import explored
+from tests.conftest import Run
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "own_effect.md"
 STEP = 0.06  # [rad/s], that the document's rig has
@@ -75,3 +77,13 @@ def test_what_separates_it_is_its_own(folder: Path) -> None:
     assert causes == ["speed_steps", "lag"]
     assert experiment(*causes, plant).startswith("a very slow ramp")
     assert experiment(*causes[::-1], plant) == experiment(*causes, plant)
+
+
+def test_pages_and_fmus_have_it(folder: Path, run: Run) -> None:
+    """An effect that the catalogue does not know is on a page, and in an FMU's documentation."""
+    page = folder / "joint.html"
+    assert run("explain", "joint.py", "--page", page)[0] == 0
+    assert run("explore", "joint.py", "--no-show", "--out", page)[0] == 0
+    assert run("build", "joint.py", "--out", folder)[0] == 0
+    (panel,) = explored("joint.py").panels
+    assert panel.models[0].effects["speed_steps"]
