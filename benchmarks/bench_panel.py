@@ -89,3 +89,11 @@ def main() -> None:
 
 if __name__ == "__main__":
     main()
+
+# Result: two cores without a GPU, Chromium 156; milliseconds from the event to the frame after it.
+#
+# actuator          rows   median    worst  first paint       MB
+# sg90              4000     17.6     38.4          108     0.25
+# smart_servo       4000     19.3     38.4          104     0.25
+# sg90             20000     37.3     55.4          124     0.54
+# smart_servo      20000     37.8     61.6          100     0.51

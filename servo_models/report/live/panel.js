@@ -30,8 +30,8 @@ element ``live-data``.  Texts of logs and models are only ever set as text, so n
     function number(value, digits = 4) {
         if (!Number.isFinite(value)) return "–";
         const size = Math.abs(value);
-        if (size !== 0 && (size < 1e-3 || size >= 1e6)) return value.toExponential(digits - 1);
-        return String(Number(value.toPrecision(digits)));
+        const rounded = Number(value.toPrecision(digits));
+        return size !== 0 && (size < 1e-3 || size >= 1e6) ? rounded.toExponential() : String(rounded);
     }
 
     /* Numbers */
