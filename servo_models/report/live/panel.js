@@ -31,7 +31,9 @@ element ``live-data``.  Texts of logs and models are only ever set as text, so n
         if (!Number.isFinite(value)) return "–";
         const size = Math.abs(value);
         const rounded = Number(value.toPrecision(digits));
-        return size !== 0 && (size < 1e-3 || size >= 1e6) ? rounded.toExponential() : String(rounded);
+        return size !== 0 && (size < 1e-3 || size >= 1e6)
+            ? rounded.toExponential()
+            : String(rounded);
     }
 
     /* Numbers */
