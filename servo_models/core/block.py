@@ -38,6 +38,7 @@ from dataclasses import dataclass, field, replace
 from string import Formatter
 from typing import Any, Literal
 
+TYPICAL = 0.1  # of its upper bound, where a switch has no typical value
 SIGNAL = "signal"  # unit of a parameter that takes the unit and the scale of the wire it acts on
 TIME = "time"  # ``{time}`` in a unit is the plant's full scale of time
 
@@ -70,7 +71,8 @@ class Param:
         default: value where no variant says otherwise; a switch defaults to 0.
         low, high: inclusive bounds.
         switch: the effect is the identity while all its switches are 0.
-        typical: a moderate value that makes a switch's effect visible.
+        typical: a moderate value that makes a switch's effect visible; a tenth of ``high`` where
+            nobody gives it.
         display: unit a person wants to read it in, e.g. ``"deg"``.
         fixed: cannot be changed once a run has begun.
 
@@ -480,9 +482,19 @@ def effect(
                 f"effect '{made.name}' has no switch parameter, so it is never neutral"
             )
         _check_hints(made, made.hints)
-        return made
+        params = {name: _searchable(param) for name, param in made.params.items()}
+        return replace(made, params=params)
 
     return decorate
+
+
+def _searchable(param: Param) -> Param:
+    """A switch with a typical size: from 0 a diagnosis would find nothing, and say so."""
+    return (
+        replace(param, typical=TYPICAL * param.high)
+        if param.switch and not param.typical
+        else param
+    )
 
 
 def _check_hints(made: Block, hints: Hints) -> None:

@@ -96,7 +96,9 @@ def _effect_of(name: str) -> Block:
     """The effect whose name a placement's name is or ends with."""
     own = [one for one in effects() if f"_{name}".endswith(f"_{one}")]
     if not own:
-        raise ValueError(f"'{name}' ends with the name of no effect: place it by servo_models.place")
+        raise ValueError(
+            f"'{name}' ends with the name of no effect: place it by servo_models.place"
+        )
     functions = effects()[max(own, key=len)]
     if len(functions) > 1:
         raise ValueError(f"'{name}' has several functions: place each of them by plant.place")

@@ -87,3 +87,11 @@ def test_pages_and_fmus_have_it(folder: Path, run: Run) -> None:
     assert run("build", "joint.py", "--out", folder)[0] == 0
     (panel,) = explored("joint.py").panels
     assert panel.models[0].effects["speed_steps"]
+
+
+def test_without_a_typical_size_it_is_found_all_the_same(folder: Path) -> None:
+    """From 0 a search would find nothing, and the diagnosis would say that nothing acts there."""
+    path = folder / "joint.py"
+    path.write_text(path.read_text().replace(", typical=0.02", ""))
+    plant = sm.actuator("joint.py").plant
+    assert plant.parameters["speed_steps.step"].param.typical == pytest.approx(0.1 * 0.5 * 5.0)
