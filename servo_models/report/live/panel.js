@@ -336,6 +336,7 @@ element ``live-data``.  Texts of logs and models are only ever set as text, so n
             this.models = pick("model", (k) => this.choose(k));
             this.logs = pick("log", (k) => this.show(k));
             this.outputs = pick("signal", () => this.redraw());
+            this.belows = pick("below", () => this.redraw());
             this.stretches = pick("part", (k) => this.look(this.run.stretches[k - 1]));
             this.sets = make("div", {
                 className: "live-sets",
@@ -383,6 +384,7 @@ element ``live-data``.  Texts of logs and models are only ever set as text, so n
                     this.models.field,
                     this.logs.field,
                     this.outputs.field,
+                    this.belows.field,
                     this.stretches.field,
                     this.sets,
                 ),
@@ -453,6 +455,14 @@ element ``live-data``.  Texts of logs and models are only ever set as text, so n
                 ...this.run.stretches.map(([name]) => make("option", {}, name)),
             );
             this.stretches.field.hidden = !this.run.stretches.length;
+            const inputs = model.inputs.map((it) => it.name);
+            const first = this.run.measured.size ? ["error"] : [];
+            const below = first.length ? [...first, ...inputs] : inputs;
+            this.belows.list.replaceChildren(
+                ...below.map((it) => make("option", { value: it }, it.replaceAll("_", " "))),
+            );
+            this.belows.list.value = first[0] ?? model.driven[0];
+            this.belows.field.hidden = below.length < 2;
             this.note.textContent = this.run.note;
             this.redraw();
         }
@@ -460,6 +470,11 @@ element ``live-data``.  Texts of logs and models are only ever set as text, so n
         get output() {
             const name = this.outputs.list.value;
             return this.model.outputs.find((it) => it.name === name) ?? this.model.outputs[0];
+        }
+
+        /* The input below the curves, undefined where their errors are. */
+        get shownInput() {
+            return this.model.inputs.find((it) => it.name === this.belows.list.value);
         }
 
         get measured() {
@@ -503,29 +518,21 @@ element ``live-data``.  Texts of logs and models are only ever set as text, so n
                 key,
                 zoomed,
             );
-            const driven = this.model.inputs.find((it) => it.name === this.model.driven[0]);
-            this.below = logged
-                ? chart(
-                      this.lower,
-                      wide ? 170 : 120,
-                      `error${unit}`,
-                      [first, line("simulated", live)],
-                      key,
-                      zoomed,
-                  )
-                : chart(
-                      this.lower,
-                      wide ? 170 : 120,
-                      `${driven.name.replaceAll("_", " ")} [${driven.unit}]`,
-                      [line(driven.name.replaceAll("_", " "), colour("green"))],
-                      key,
-                      zoomed,
-                  );
+            const input = this.shownInput,
+                name = input?.name.replaceAll("_", " ");
+            this.below = chart(
+                this.lower,
+                wide ? 170 : 120,
+                input ? `${name} [${input.unit}]` : `error${unit}`,
+                input ? [line(name, colour("green"))] : [first, line("simulated", live)],
+                key,
+                zoomed,
+            );
             this.upper.setAttribute(
                 "aria-label",
                 `${output.name} over time, ${this.given.beside} and simulated`,
             );
-            this.lower.setAttribute("aria-label", logged ? "error over time" : "input over time");
+            this.lower.setAttribute("aria-label", `${name ?? "error"} over time`);
             this.fresh = true;
             this.base = null;
             this.draw();
@@ -562,20 +569,15 @@ element ``live-data``.  Texts of logs and models are only ever set as text, so n
                 { measured, fresh } = this;
             const shown = (values) => gaps(times(output.scale, values));
             const upper = [run.stamps, ...(measured ? [measured, ...curves] : curves).map(shown)];
-            let lower;
-            if (measured) {
-                this.errors = curves.map((it) => less(it, measured));
-                lower = [run.stamps, ...this.errors.map(shown)];
-            } else {
-                const at = model.inputs.findIndex((it) => it.name === model.driven[0]);
-                lower = [
-                    run.stamps,
-                    times(model.inputs[at].scale, column(run.inputs, at, model.inputs.length, 0)),
-                ];
-            }
+            if (measured) this.errors = curves.map((it) => less(it, measured));
+            const input = this.shownInput,
+                width = model.inputs.length;
+            const lower = input
+                ? [times(input.scale, column(run.inputs, model.inputs.indexOf(input), width, 0))]
+                : this.errors.map(shown);
             for (const [drawn, data] of [
                 [this.above, upper],
-                [this.below, lower],
+                [this.below, [run.stamps, ...lower]],
             ]) {
                 const { min, max } = drawn.scales.x;
                 drawn.setData(data, fresh);
