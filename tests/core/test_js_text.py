@@ -36,6 +36,12 @@ PLANTS = [
     for k, variant in enumerate(actuator.variants)
 ]
 
+BROWSED = [
+    pytest.param(name, variant.name, marks=pytest.mark.long if k else pytest.mark.thorough)
+    for name, actuator in actuators().items()
+    for k, variant in enumerate(actuator.variants)
+]
+
 
 @dataclass(frozen=True)
 class Ran:
@@ -137,8 +143,7 @@ def test_javascript_is_c(name: str, variant: str, in_node: Engine) -> None:
     check(name, variant, in_node)
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize(("name", "variant"), PLANTS)
+@pytest.mark.parametrize(("name", "variant"), BROWSED)
 def test_javascript_in_a_browser_is_c(name: str, variant: str, in_browser: Engine) -> None:
     check(name, variant, in_browser)
 
