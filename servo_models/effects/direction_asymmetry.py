@@ -8,7 +8,7 @@ from servo_models.core.block import Hints, Param, effect
 @effect(
     "signal",
     source="SG90 paper sec. 4.3 (+670 / -544 rad/s)",
-    hints=Hints(says="the positive direction is stronger by {ratio}"),
+    hints=Hints(says="the positive direction differs by {ratio}"),
 )
 def direction_asymmetry(
     signal: float,
