@@ -58,6 +58,11 @@ def smoke() -> None:
     expect(0, "drive_dead_zone", "check", "gimbal/gimbal.toml")
     files = ("--report", "gap.html", "--json", "gap.json", "--out", "gap.toml")
     expect(1, "drive_dead_zone", "diagnose", "gimbal/gimbal.toml", *files)
+    expect(0, "wrote", "explore", "gimbal/gimbal.toml", "--no-show")
+    on = ("--on", "gimbal/gimbal.toml")
+    expect(0, "half_width", "compare", "gap.json", "gap.toml", "--trust", *on)
+    expect(0, "Bandwidth", "figures", "sg90", "--plot", "sg90.svg")
+    expect(0, "wrote", "explain", "backlash", "--page", "backlash.html")
     expect(0, "RMS errors", "identify", "two_csv_files/description.toml")
     expect(1, "transport_delay", "identify", "torque_motor/description.toml", "--report", "b.html")
 
