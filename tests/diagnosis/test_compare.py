@@ -45,6 +45,7 @@ def write(folder: Path, **other: Any) -> None:
     document = {
         "description": {"file": "gimbal.toml", "sha256": digests["gimbal.toml"]},
         "actuator": "gimbal",
+        "variant": "bench",
         "parameters": [{"name": name, "value": value} for name, value in FITTED.items()],
         "logs": [{"file": "log.csv", "sha256": digests["log.csv"]}],
     }
@@ -84,7 +85,7 @@ def test_what_has_changed_is_said(folder: Path) -> None:
     [
         ("bad.json", "{", "no diagnosis"),
         ("bad.json", '{"parameters": 3}', "no diagnosis"),
-        ("bad.json", '{"actuator": "x", "parameters": [], "logs": []}', "give --on"),
+        ("bad.json", '{"actuator": "x", "variant": "y", "parameters": [], "logs": []}', "--on"),
         ("bad.toml", 'actuator = "sg90"', "give --on"),
     ],
 )
@@ -98,6 +99,15 @@ def test_another_actuator_is_refused(folder: Path) -> None:
     (folder / "servo.toml").write_text('actuator = "sg90"')
     with pytest.raises(UserError, match="of one actuator"):
         compare([folder / "servo.toml"], folder / "gimbal.toml")
+
+
+def test_values_of_another_model_are_not_mixed_with_the_described_ones(folder: Path) -> None:
+    write(folder, variant="other")
+    with pytest.raises(UserError, match="begins with variant 'other'"):
+        compare([folder / "found.json"])
+    write(folder, parameters=[{"name": "speed_constent", "value": 1.0}])
+    with pytest.raises(UserError, match="did you mean 'speed_constant'"):
+        compare([folder / "found.json"])
 
 
 def test_the_command_prints_and_writes(folder: Path, run: Run) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from servo_models.core.plant import unknown
 from servo_models.core.simulate import Model
 from servo_models.data.description import Description, read_description
 from servo_models.data.log import Log, hashes
@@ -55,10 +56,12 @@ class Comparison(Result):
 
 @dataclass(frozen=True)
 class _Told:
-    """What a file says: whose values, and what they were found from."""
+    """What a file says: whose values, and what they were found from; a parameter file has all of
+    them, whatever its variant."""
 
     path: Path
     actuator: str
+    variant: str
     values: dict[str, float]
     logs: Mapping[str, str]
     description: tuple[str, str] = ("", "")
@@ -84,27 +87,42 @@ def compare(
     path = Path(on) if on else _description_of(told)
     described = read_description(path, trust)
     for one in told:
-        if one.actuator not in (described.actuator.name, described.actuator.key):
-            raise UserError(
-                f"'{one.path}' is of '{one.actuator}', but '{path}' of '{described.actuator.name}':"
-                " compare files of one actuator"
-            )
+        _check_alike(one, described, path)
     logs = with_starts(described.model, described.logs)
     sets = _named(told)
     remarks = tuple(_remarks(told, described, path))
     return Comparison(described.model, logs, sets, _errors(described.model, logs, sets), remarks)
 
 
+def _check_alike(one: _Told, described: Description, path: Path) -> None:
+    """Refuse values that are not of the model that a description names: others would mix."""
+    model, here = described.model, f"'{path}' of"
+    if one.actuator not in (model.actuator.name, model.actuator.key):
+        raise UserError(
+            f"'{one.path}' is of '{one.actuator}', but {here} '{model.actuator.name}': compare"
+            " files of one actuator"
+        )
+    if one.variant not in ("", model.variant):
+        raise UserError(
+            f"'{one.path}' begins with variant '{one.variant}', but {here} '{model.variant}': give"
+            " --on the description that it was made with"
+        )
+    for name in one.values:
+        if name not in model.values:
+            raise UserError(f"'{one.path}': {unknown('parameter', name, model.values)}")
+
+
 def _told(path: Path, trust: bool) -> _Told:
     if path.suffix.lower() == ".toml":
         found = read_parameters(path, trust)
-        return _Told(path, found.actuator, found.model().values, found.logs)
+        return _Told(path, found.actuator, "", found.model().values, found.logs)
     try:
         document: Any = json.loads(read_regular(path))
         values = {entry["name"]: float(entry["value"]) for entry in document["parameters"]}
         logs = {entry["file"]: f"sha256:{entry['sha256']}" for entry in document["logs"]}
         known = document.get("description") or {"file": "", "sha256": ""}
-        return _Told(path, document["actuator"], values, logs, (known["file"], known["sha256"]))
+        variant, named = document["variant"], (known["file"], known["sha256"])
+        return _Told(path, document["actuator"], variant, values, logs, named)
     except (ValueError, KeyError, TypeError) as error:
         raise UserError(
             f"'{path}' is no diagnosis: give what 'diagnose --json' wrote, or a parameter file"
