@@ -153,7 +153,8 @@ def _parameter(
     parameter: Parameter, values: list[float], error: float | None, shown: bool
 ) -> LiveParameter:
     param = parameter.param
-    known = error is not None and math.isfinite(error) and error > 0.0
+    if error is not None and not 0.0 < error < math.inf:  # on a bound, or not determined
+        error = None
     return LiveParameter(
         name=parameter.name,
         about=param.about,
@@ -161,19 +162,19 @@ def _parameter(
         scale=display_scale(parameter),
         low=param.low,
         high=param.high,
-        slider=_ends(parameter, values, error if known else 0.0),
+        slider=_ends(parameter, values, error or 0.0),
         si=param.unit,
         effect=parameter.owner,
         switch=param.typical if parameter.owner and param.switch else None,
-        error=error if known else None,
+        error=error,
         shown=shown,
     )
 
 
-def _ends(parameter: Parameter, values: list[float], error: float | None) -> tuple[float, float]:
+def _ends(parameter: Parameter, values: list[float], error: float) -> tuple[float, float]:
     """Ends of a slider: about its values, within the bounds."""
     param = parameter.param
-    wide = [max(SWEEP * abs(value), SWEEP_ERRORS * (error or 0.0)) for value in values]
+    wide = [max(SWEEP * abs(value), SWEEP_ERRORS * error) for value in values]
     low = min(value - width for value, width in zip(values, wide))
     high = max(value + width for value, width in zip(values, wide))
     if param.switch and parameter.owner:

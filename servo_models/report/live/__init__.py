@@ -94,9 +94,9 @@ class LiveRun:
         counted: ``encoded``, 1 for samples that count in an error.
         begin: time of the first sample in the file [s].
         settle: time [s] for which ``held`` is held before the first sample.
-        held: inputs meanwhile, one set for each of ``LiveModel.sets`` and for any other values the
-            last.
-        placed: places in the state and their values, where the log states how it begins; likewise.
+        held: inputs meanwhile, one row for each of ``LiveModel.sets``; values that are none of
+            these sets take the last row.
+        placed: places in the state and their values, where the log begins in motion; as ``held``.
         constants: parameters that are stated for this log, by name.
         stretches: names with the times of the file [s] between which they lie.
         note: what of the log is not here, "" for nothing.
@@ -194,13 +194,17 @@ def scripts(panels: tuple[Live, ...]) -> list[str]:
     if not panels:
         return []
     library = f"/*\n{asset('uPlot.LICENSE')}*/\n{asset('uPlot.iife.min.js')}"
-    programs = dict.fromkeys(model.program for panel in panels for model in panel.models)
-    models = [f"(globalThis.servoModels ??= []).push({_short(it)});" for it in programs]
+    models = [f"(globalThis.servoModels ??= []).push({_short(it)});" for it in _programs(panels)]
     explorer = [asset("explore.js")] if any(panel.dropped for panel in panels) else []
     texts = [library, *models, *explorer, asset("panel.js")]
     if any("</script" in text.lower() or "<!--" in text for text in texts):
         raise ValueError("a script would end its element")
     return texts
+
+
+def _programs(panels: tuple[Live, ...]) -> list[str]:
+    """The programs of panels, each once: models of the same equations share one."""
+    return [*dict.fromkeys(model.program for panel in panels for model in panel.models)]
 
 
 def _short(program: str) -> str:
@@ -217,8 +221,7 @@ def styles(panels: tuple[Live, ...]) -> str:
 
 def data(panels: tuple[Live, ...]) -> str:
     """Return panels as deflated JSON for a page; programs by their places among the scripts."""
-    programs = [*dict.fromkeys(model.program for panel in panels for model in panel.models)]
-    places = {program: str(place) for place, program in enumerate(programs)}
+    places = {program: str(place) for place, program in enumerate(_programs(panels))}
     numbered = [
         replace(
             panel,
