@@ -501,7 +501,13 @@ def _check_hints(made: Block, hints: Hints) -> None:
     """Refuse hints of parameters, memories or groups that are not the effect's own."""
     params = {name for block in (made, *made.parts) for name in block.params}
     asked = {*hints.not_at_first, hints.jump, hints.phase, hints.count, hints.inertia} - {""}
-    asked |= {name for _, name, *_ in Formatter().parse(hints.says) if name} - {"wire"}
+    told = {name for _, name, *_ in Formatter().parse(hints.says) if name} - {"wire"}
+    asked |= told
+    if told & hints.not_at_first:
+        raise ValueError(
+            f"effect '{made.name}' says the size of '{min(told & hints.not_at_first)}', which is"
+            " never searched for: say that of another parameter"
+        )
     memories = set[str]()
     if hints.small_signal:
         asked.add(hints.small_signal.time)

@@ -202,10 +202,16 @@ class Run:
         return again
 
     def begun(self, values: Mapping[str, float]) -> tuple[Array, tuple[tuple[int, float], ...]]:
-        """Inputs [SI] that are held before the log, and the places of the state that are put to a
-        value, with that; of a run that has a ``beginning``."""
+        """Inputs [SI] that are held before the log, and places of the state with their values.
+
+        Of a run that has a ``beginning``.  Where the model cannot be simulated no start is fitted,
+        and those that are stated are taken.
+        """
         assert self.beginning is not None
-        found = self.beginning.values(self._vector(values))
+        try:
+            found = self.beginning.values(self._vector(values))
+        except UserError:
+            found = {**self.beginning.start.shaft, **self.beginning.start.before}
         state = np.full(self.model.flat.size, np.nan)
         if self.model.shaft:
             self.model.shaft.place(state, found)

@@ -337,3 +337,21 @@ def test_inlined_text_is_the_function(name: str, data: st.DataObject) -> None:
     text = inlined(name)(x, *drawn.values())
     assert text == list(expected if isinstance(expected, tuple) else (expected,))
     assert x == queue
+
+
+Size = Annotated[float, Param("signal", "size", switch=True, typical=0.1)]
+Known = Annotated[float, Param("1", "known")]
+
+
+def lost(signal: float, size: Size, known: Known) -> float:
+    """Something is lost."""
+    return signal - size * known
+
+
+@pytest.mark.parametrize(
+    ("says", "complaint"), [("off by {sise}", "no parameter 'sise'"), ("{known}", "never searched")]
+)
+def test_a_clause_names_parameters_that_are_searched_for(says: str, complaint: str) -> None:
+    """A diagnosis knows the size of no other, and would have no text for it."""
+    with pytest.raises(ValueError, match=complaint):
+        effect("signal", source="x", hints=Hints(says=says, assumed=("known",)))(lost)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
@@ -204,3 +205,12 @@ def test_values_that_cannot_be_simulated_are_said(browser: Browser, tmp_path: Pa
         )
         shown(page)
         assert "cannot be simulated" in (page.locator(".live-score").text_content() or "")
+
+
+def test_a_set_that_cannot_be_simulated_leaves_the_page_whole() -> None:
+    """Values that a fit found on other logs; no start can be fitted with them on this one."""
+    log = recorded(**BEGINNINGS["fitted"])
+    away = {"internal_step": SERVO.values["internal_step"], "motor_gain": math.nan}
+    (found,) = live_logs(SERVO, [log], {"away": away}, {}, set(), {})
+    (run,) = found.runs
+    assert {value for _, value in run.placed[1]} == {0.0}  # as stated
