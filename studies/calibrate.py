@@ -163,6 +163,7 @@ def document(runs: Sequence[Run], judged: dict[str, dict[str, float]]) -> dict[s
             kind: {"weight": weights.tolist(), "probability": told.round(DIGITS).tolist()}
             for kind, (weights, told) in learnt(every).items()
         },
+        "doubted": json.loads(DATA.read_text(encoding="utf-8"))["doubted"],  # of another study
     }
 
 

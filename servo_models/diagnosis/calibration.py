@@ -9,6 +9,9 @@ A map is monotone, so it keeps the order of the effects.  A probability is that 
 among the causes.  Several may be, so those of a diagnosis need not add up to 1, and are not scaled
 to.  A verdict without a map, "outside the catalogue", has weights that rank and no probabilities.
 
+An effect whose size the logs do not determine was there less often than others of its weight.  So
+another map turns its probability into that of such an effect (``doubtful``).
+
 ``calibration.json`` holds the maps and where they are from; ``studies/calibrate.py`` writes it.
 Source: Zadrozny, Elkan, Proc. 8th ACM SIGKDD (2002) 694 (isotonic regression of scores).
 """
@@ -48,6 +51,18 @@ def calibrated(weights: Mapping[str, float], verdict: str) -> dict[str, float]:
 def probability(weights: Array, by: Map) -> Array:
     """Return what a map makes of weights; it goes on level beyond its ends."""
     return np.clip(np.interp(weights, *by), LEAST_PROBABILITY, MOST_PROBABILITY)
+
+
+def doubtful(told: float) -> float:
+    """Return the probability of an effect that is not asserted, from the one by its weight."""
+    return float(probability(np.array(told), doubt()))
+
+
+@cache
+def doubt() -> Map:
+    """The map from a probability by weight to that of an effect that is not asserted."""
+    known: dict[str, Any] = json.loads(DATA.read_text(encoding="utf-8"))["doubted"]
+    return np.array(known["weight"]), np.array(known["probability"])
 
 
 @cache

@@ -15,14 +15,14 @@ from servo_models.data.description import Description, read_description
 from servo_models.diagnosis import confirm
 from servo_models.diagnosis.gap import gaps, whole_gap
 from servo_models.diagnosis.preconditions import check_duration, imitators, without_flags
-from servo_models.diagnosis.ranking import estimates, ranked_effects
+from servo_models.diagnosis.ranking import estimates, probabilities, ranked_effects
 from servo_models.diagnosis.residual_map import learn
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.search.fitting import Fitter
 from servo_models.diagnosis.search.priors import prior_parameters
 from servo_models.diagnosis.search.selection import TOLERANCE, Tell, select_effects
 from servo_models.diagnosis.settings import DEFAULT, Settings
-from servo_models.diagnosis.stretches import Part, unlike_parts
+from servo_models.diagnosis.stretches import Part, held_out_scores, unlike_parts
 from servo_models.diagnosis.verdict import OUTSIDE, decide
 from servo_models.errors import UserError
 from servo_models.identification.fit import checked_logs
@@ -170,7 +170,11 @@ def _diagnose(
     shaped = verdict.kind == OUTSIDE and verdict.locked.follows and not parts
     learns = shaped and not stop.passed
     usual = not any(it.mistakes for it in audited) and not fitter.between_rows
+    held_out = held_out_scores(selection)
+    worse = any(one.worse for one in held_out)
+    # learnt from whole searches in logs as they should be
     calibrated = usual and not selection.unfinished
+    known = probabilities(selection, verdict, worse) if calibrated else {}
     lacking += [SHAPE] if shaped and not learns else []
     if tell and learns:
         tell("learning the shape of what is left")
@@ -186,8 +190,9 @@ def _diagnose(
         verdict=verdict,
         gap=whole_gap(selection, seed),
         gaps=gaps(selection, floors, origins, seed),
-        ranking=ranked_effects(selection, verdict, calibrated),
+        ranking=ranked_effects(selection, verdict, known),
         moved=estimates(selection.retuned),
+        held_out=held_out,
         residual_map=learn(selection.taken, selection.retuned) if learns else None,
         tolerance=tolerance,
         seed=seed,

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from servo_models.core.types import Array
+from servo_models.diagnosis.calibration import calibrated, doubtful
 from servo_models.diagnosis.gap import closed
 from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.diagnosis.search.selection import Selection
 from servo_models.diagnosis.signatures import Signature, signature
-from servo_models.diagnosis.verdict import Verdict
+from servo_models.diagnosis.verdict import EFFECT, EFFECTS, Verdict
+
+NOTHING_ERRORS = 2.0  # standard errors from nothing up to which a size may be nothing
 
 
 @dataclass(frozen=True)
@@ -66,19 +70,48 @@ class RankedEffect:
     detected: Signature | None = None
 
 
+def undetermined(taken: FittedModel) -> tuple[str, ...]:
+    """Return the effects whose size may be nothing, or stands on a bound."""
+    sizes = {one.name: one for one in estimates(taken)}
+    mains = {name: sizes.get(taken.problem.model.plant.main(name).switch) for name in taken.effects}
+    return tuple(
+        name
+        for name, size in mains.items()
+        if size and not abs(size.value) > NOTHING_ERRORS * size.standard_error  # NaN on a bound
+    )
+
+
+def doubted(selection: Selection, verdict: Verdict, worse: bool) -> tuple[str, ...]:
+    """Return the effects that were taken and are not said to explain the gap.
+
+    ``worse`` says that what is held out gets worse with them.
+    """
+    taken = selection.taken
+    if verdict.kind not in (EFFECT, EFFECTS):
+        return ()
+    return taken.effects if worse or not taken.converged else undetermined(taken)
+
+
+def probabilities(selection: Selection, verdict: Verdict, worse: bool) -> dict[str, float]:
+    """Return the probability of each effect being among the causes, by name; none outside the
+    catalogue, where none of the effects explains all."""
+    less_sure = doubted(selection, verdict, worse)
+    told = calibrated(verdict.weights, verdict.kind)
+    return {name: doubtful(p) if name in less_sure else p for name, p in told.items()}
+
+
 def ranked_effects(
-    selection: Selection, verdict: Verdict, calibrated: bool = True
+    selection: Selection, verdict: Verdict, known: Mapping[str, float]
 ) -> tuple[RankedEffect, ...]:
     """Return every effect that was fitted, most likely first, then by the gap it leaves.
 
-    Probabilities were learnt from whole searches in logs as they should be; where such a one is not
-    ``calibrated``, they are not told.
+    ``known`` are ``probabilities``; without any, none is told.
     """
     found: dict[str, RankedEffect] = {}
     for fitted_model in (selection.taken, *verdict.rivals, *selection.fitted.values()):
         for name in fitted_model.effects:
             if name not in found:
-                found[name] = _ranked_effect(name, fitted_model, selection, verdict, calibrated)
+                found[name] = _ranked_effect(name, fitted_model, selection, verdict, known)
     place = {name: i for i, name in enumerate(verdict.weights)}
     others = len(place)
     return tuple(sorted(found.values(), key=lambda it: (place.get(it.name, others), it.gap_after)))
@@ -89,7 +122,7 @@ def _ranked_effect(
     fitted_model: FittedModel,
     selection: Selection,
     verdict: Verdict,
-    calibrated: bool,
+    known: Mapping[str, float],
 ) -> RankedEffect:
     model = fitted_model.problem.model
     matters = fitted_model is selection.taken or fitted_model in verdict.rivals
@@ -99,7 +132,7 @@ def _ranked_effect(
         name=name,
         wire=model.plant.main_wire(name),
         model_weight=verdict.weights.get(name),
-        probability=verdict.probabilities.get(name) if calibrated else None,
+        probability=known.get(name),
         in_set=name in verdict.members,
         taken=name in selection.taken.effects,
         parameters=tuple(v for v in values if v.name.startswith(f"{name}.")),

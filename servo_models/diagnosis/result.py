@@ -19,13 +19,13 @@ from servo_models.diagnosis.ambiguity import Slot, alternatives
 from servo_models.diagnosis.confirm import Confirmation
 from servo_models.diagnosis.gap import Gap, GapSummary
 from servo_models.diagnosis.localisation import Breakdown, localise
-from servo_models.diagnosis.ranking import RankedEffect, Value, estimates
+from servo_models.diagnosis.ranking import RankedEffect, Value, doubted, estimates
 from servo_models.diagnosis.residual_map import ResidualMap
 from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.diagnosis.search.masking import MaskedEffect
 from servo_models.diagnosis.search.selection import Selection
 from servo_models.diagnosis.settings import Settings
-from servo_models.diagnosis.stretches import HeldOut, Part, held_out_scores
+from servo_models.diagnosis.stretches import HeldOut, Part
 from servo_models.diagnosis.verdict import (
     NO_GAP,
     OUTSIDE,
@@ -65,6 +65,7 @@ class Diagnosis(Parametrised, Result):
         gaps: the same by output, in SI.
         ranking: effects, most likely first.
         moved: nominal parameters after re-tuning.
+        held_out: what the model leaves of samples that the description holds out, by log.
         tolerance: gap [noise floors] that counts as none.
         residual_map: what is left outside the catalogue, learnt as a shape; None where nothing is,
             or no shape holds on unseen blocks.
@@ -94,6 +95,7 @@ class Diagnosis(Parametrised, Result):
     gaps: tuple[Gap, ...]
     ranking: tuple[RankedEffect, ...]
     moved: tuple[Value, ...]
+    held_out: tuple[HeldOut, ...]
     tolerance: float
     residual_map: ResidualMap | None = None
     parts: tuple[Part, ...] = ()
@@ -182,10 +184,15 @@ class Diagnosis(Parametrised, Result):
         with taken.problem.workers as workers:
             return blurs(self.model, taken.problem.logs, self.floors, taken.values, workers)
 
-    @cached_property
-    def held_out(self) -> tuple[HeldOut, ...]:
-        """What the model leaves of samples that the description holds out, by log."""
-        return held_out_scores(self.selection)
+    @property
+    def doubted(self) -> tuple[str, ...]:
+        """Effects that were taken and are not said to explain the gap."""
+        return doubted(self.selection, self.verdict, any(one.worse for one in self.held_out))
+
+    @property
+    def probabilities(self) -> dict[str, float]:
+        """That are told of effects, by name, most likely first."""
+        return {one.name: p for one in self.ranking if (p := one.probability) is not None}
 
     @property
     def stages(self) -> dict[str, str]:

@@ -10,6 +10,7 @@ from servo_models.analysis.experiment import display
 from servo_models.data.audit import EXACT, REPEATS
 from servo_models.diagnosis.gap import GapSummary, not_followed
 from servo_models.diagnosis.preconditions import imitators
+from servo_models.diagnosis.ranking import undetermined
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.diagnosis.search.masking import MaskedEffect
@@ -37,8 +38,6 @@ UNLIKE = 3.0
 """Spread of repeats over the scatter of samples, from which it is hardly noise of a reading."""
 MOTION = 0.5
 """Share of a noise floor that is found in a simulation without noise, from which it is doubtful."""
-NOTHING_ERRORS = 2.0
-"""Standard errors from nothing up to which the size of an effect may be nothing."""
 MOST_SURPRISES = 2  # parameters that a sentence names
 MOST_ALTERNATIVES = 3  # alternatives of a confidence set that a sentence names
 
@@ -189,18 +188,11 @@ def _apart(diagnosis: Diagnosis) -> str:
 
 def not_asserted(diagnosis: Diagnosis) -> str:
     """Return why effects that were taken are not said to explain the gap, "" where they are."""
-    taken, plant = diagnosis.selection.taken, diagnosis.model.plant
+    taken = diagnosis.selection.taken
     if diagnosis.verdict.kind not in (EFFECT, EFFECTS):
         return ""
-    known = {one.name: one for one in diagnosis.found}
-    sizes = {name: known.get(plant.main(name).switch) for name in taken.effects}
-    undetermined = [
-        name
-        for name, size in sizes.items()
-        if size and not abs(size.value) > NOTHING_ERRORS * size.standard_error  # NaN on a bound
-    ]
-    if undetermined:
-        return f"these logs do not determine the size of {listed(undetermined)}"
+    if unknown := undetermined(taken):
+        return f"these logs do not determine the size of {listed(unknown)}"
     worse = [one.log for one in diagnosis.held_out if one.worse]
     if worse:
         return f"log '{worse[0]}', held out, gets worse"

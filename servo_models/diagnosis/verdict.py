@@ -17,7 +17,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from servo_models.core.types import Array
-from servo_models.diagnosis.calibration import calibrated
 from servo_models.diagnosis.gap import closed, not_followed
 from servo_models.diagnosis.residual_regression import (
     NOTHING_TESTED,
@@ -62,12 +61,6 @@ class Verdict:
     rest: float = 0.0
     limit_cycle: float = 0.0
     locked: LockedTest = NOTHING_TESTED
-
-    @property
-    def probabilities(self) -> dict[str, float]:
-        """Of each effect being among the causes, by name, most likely first; none where the verdict
-        is that none of them explains all."""
-        return calibrated(self.weights, self.kind)
 
 
 def _rank(chance: float, alone: float | None) -> tuple[float, float]:

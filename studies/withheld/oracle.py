@@ -162,7 +162,7 @@ def said_of(case: str, found: Diagnosis, seconds: float) -> Diagnosed:
         named=[] if verdict.kind == NO_GAP else list(selection.taken.effects),
         members=list(verdict.members),
         chances=verdict.weights,
-        probabilities=verdict.probabilities,
+        probabilities=found.probabilities,
         tried=[list(one.effects) for one in tried],
         left=[one.evidence.rms for one in tried],
         values=[one.values for one in tried],

@@ -17,6 +17,7 @@ from servo_models.diagnosis.calibration import (
     LEAST_PROBABILITY,
     MOST_PROBABILITY,
     calibrated,
+    doubtful,
     maps,
     probability,
 )
@@ -78,6 +79,13 @@ def test_a_map_that_is_learnt_is_monotone_whatever_happened(
     told = probability(np.linspace(0.0, 1.0, 101), by)
     assert np.all(np.diff(told) >= 0.0)
     assert np.all((told >= LEAST_PROBABILITY) & (told <= MOST_PROBABILITY))
+
+
+@given(SHARES)
+def test_an_effect_that_is_doubted_keeps_its_place_and_is_never_surer(told: list[float]) -> None:
+    doubted = [doubtful(one) for one in sorted(told)]
+    assert doubted == sorted(doubted)
+    assert all(LEAST_PROBABILITY <= one <= MOST_PROBABILITY for one in doubted)
 
 
 def test_verdicts_that_name_effects_have_a_map_and_others_tell_no_probability() -> None:

@@ -25,8 +25,10 @@ from servo_models.data.schema import Section
 from servo_models.diagnosis import summary
 from servo_models.diagnosis.confirm import Confirmation
 from servo_models.diagnosis.diagnose import diagnose
-from servo_models.diagnosis.ranking import ranked_effects
+from servo_models.diagnosis.calibration import MOST_PROBABILITY, calibrated
+from servo_models.diagnosis.ranking import NOTHING_ERRORS, probabilities, ranked_effects
 from servo_models.diagnosis.result import Diagnosis
+from servo_models.diagnosis.stretches import HeldOut
 from servo_models.diagnosis.sections.tables import intervals
 from servo_models.diagnosis.verdict import (
     EFFECT,
@@ -291,7 +293,7 @@ def test_outside_the_catalogue_effects_are_ranked_and_no_probability_is_told(
     found: Diagnosis,
 ) -> None:
     verdict = replace(found.verdict, kind=OUTSIDE)
-    outside = replace(found, verdict=verdict, ranking=ranked_effects(found.selection, verdict))
+    outside = replace(found, verdict=verdict, ranking=ranked_effects(found.selection, verdict, {}))
     told = json.loads(outside.to_json())
     check_schema(told)
     assert found.document()["effects"][0]["probability"] > 0.9
@@ -304,6 +306,34 @@ def test_outside_the_catalogue_effects_are_ranked_and_no_probability_is_told(
     columns = outside.tables()[title].columns
     assert "probability" not in columns
     assert "model weight" in columns
+
+
+@pytest.mark.parametrize("errors_from_nothing", [0.99 * NOTHING_ERRORS, math.nan])
+def test_an_effect_whose_size_is_not_determined_is_not_asserted(
+    found: Diagnosis, errors_from_nothing: float
+) -> None:
+    """Its size within two standard errors of nothing, or on a bound, where it has none."""
+    taken = found.selection.taken
+    unknown = np.abs(taken.values["transport_delay.time"]) / errors_from_nothing
+    names = [free.name for free in taken.problem.free]
+    errors = np.where(np.array(names) == "transport_delay.time", unknown, taken.spread.standard_errors)
+    wide = replace(taken)
+    vars(wide)["spread"] = replace(taken.spread, standard_errors=errors)
+    doubted = replace(found, selection=replace(found.selection, taken=wide))
+    assert found.doubted == ()
+    assert doubted.doubted == ("transport_delay",)
+    assert "do not determine the size of transport_delay" in summary.headline(doubted)
+    assert "explains" not in summary.headline(doubted)
+    told = probabilities(doubted.selection, found.verdict, worse=False)["transport_delay"]
+    assert told < calibrated(found.verdict.weights, EFFECT)["transport_delay"] <= MOST_PROBABILITY
+
+
+def test_effects_are_not_asserted_where_what_is_held_out_gets_worse(found: Diagnosis) -> None:
+    worse = replace(found, held_out=(HeldOut("other", 2.0, 5.0, worse=True),))
+    assert worse.doubted == ("transport_delay",)
+    assert "log 'other', held out, gets worse" in summary.headline(worse)
+    surely, less = (probabilities(found.selection, found.verdict, worse=it) for it in (False, True))
+    assert less["transport_delay"] < surely["transport_delay"]
 
 
 def test_a_load_and_a_friction_are_told_as_such(found: Diagnosis) -> None:
