@@ -89,6 +89,28 @@ def exponents(unit: str) -> tuple[float, dict[str, int]]:
     return float(base.magnitude), {BASE[name]: int(power) for name, power in powers.items()}
 
 
+def base_unit(unit: str) -> str:
+    """Return the SI unit of the same quantity: ``deg/s`` is counted in ``rad/s``.
+
+    Raises:
+        UserError: an unknown unit.
+
+    Example:
+        >>> base_unit("mm"), base_unit("N.m")
+        ('m', 'N.m')
+    """
+    size, powers = exponents(unit)
+    if size == 1.0:
+        return unit
+    above = ".".join(
+        f"{name}{power if power > 1 else ''}" for name, power in powers.items() if power > 0
+    )
+    below = "".join(
+        f"/{name}{-power if power < -1 else ''}" for name, power in powers.items() if power < 0
+    )
+    return f"{above or 1}{below}"
+
+
 @functools.cache
 def factor(unit: str, to: str) -> float:
     """Return the factor by which a value in ``unit`` is multiplied to be in ``to``.

@@ -16,6 +16,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Iterable, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -64,7 +65,7 @@ def table(taken: Sequence[Taken]) -> Iterable[str]:
     """Lines of the table, those asserted first."""
     yield "effects | probability by weight | mean | told | there | 95 % | n"
     for doubted in (False, True):
-        for low, high in zip(EDGES, EDGES[1:]):
+        for low, high in pairwise(EDGES):
             few = [e for e in taken if e.doubted == doubted and low <= e.alone < high]
             if few:
                 alone, told = (np.mean([getattr(e, key) for e in few]) for key in ("alone", "told"))
@@ -86,7 +87,9 @@ def main() -> None:
     print("\n".join(table(taken)))
     if given.write:
         doubted = [effect for effect in taken if effect.doubted]
-        alone, there = (np.array(x, dtype=float) for x in zip(*((e.alone, e.there) for e in doubted)))
+        alone, there = (
+            np.array(x, dtype=float) for x in zip(*((e.alone, e.there) for e in doubted))
+        )
         weights, told = learn(alone, there, np.ones(len(doubted)))
         known = json.loads(DATA.read_text(encoding="utf-8"))
         known["doubted"] = {

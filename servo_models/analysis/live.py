@@ -22,6 +22,7 @@ from servo_models.core.flat import Flat
 from servo_models.core.js_text import js_model
 from servo_models.core.plant import Parameter, Wire
 from servo_models.core.simulate import Model, Result, model
+from servo_models.errors import UserError
 from servo_models.report.live import (
     Live,
     LiveModel,
@@ -101,9 +102,18 @@ def live_model(
         floors: noise floors [SI] by output.
 
     Raises:
-        ValueError: a block has no form in JavaScript.
+        UserError: a block has no form in JavaScript, or the model is a simulation that is not ours.
     """
     plant, actuator = model.plant, model.actuator
+    if actuator.inner:
+        raise UserError(
+            f"'{actuator.name}' is a simulation that is not ours, and no page can hold it: see the"
+            " pictures of a report"
+        )
+    try:
+        program = js_model(model.flat)
+    except ValueError as error:
+        raise UserError(f"'{actuator.name}' cannot be shown in a page: {error}") from error
     every = {NOMINAL: model.values, **{n: {**model.values, **v} for n, v in (sets or {}).items()}}
     parameters = tuple(
         _parameter(
@@ -118,7 +128,7 @@ def live_model(
     driven = plant.wire[name]
     return LiveModel(
         name=f"{actuator.name}, {model.variant}",
-        program=js_model(model.flat),
+        program=program,
         actuator=actuator.key,
         variant=model.variant,
         parameters=parameters,

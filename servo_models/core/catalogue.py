@@ -13,7 +13,7 @@ from typing import Any
 
 from servo_models.core.block import Block
 from servo_models.core.flatten import flatten
-from servo_models.core.own_actuator import check_trust, is_file, load_actuator
+from servo_models.core.own_actuator import check_trust, is_file, load_actuator, simulation
 from servo_models.core.plant import Actuator, Placement, check_units, place, unknown
 from servo_models.errors import UserError
 
@@ -121,6 +121,8 @@ def actuator(name: str, named_in: Path | None = None, trust: bool = False) -> Ac
         >>> sm.actuator("sg90").default_variant
         'measured'
     """
+    if box := simulation(name):
+        return _foreign(*box, named_in, trust)
     if is_file(name):
         return _own(Path(name), named_in, trust)
     return of_catalogue(name)
@@ -135,6 +137,15 @@ def of_catalogue(name: str) -> Actuator:
     if name not in all_actuators():
         raise UserError(unknown("actuator", name, all_actuators()))
     return all_actuators()[name]
+
+
+def _foreign(path: Path, part: str, named_in: Path | None, trust: bool) -> Actuator:
+    """The plant around a simulation that is not ours; its libraries are loaded for it alone."""
+    if named_in:
+        path = named_in.parent / path
+        check_trust(path, named_in, trust)
+    found: Actuator = importlib.import_module("servo_models.foreign").load(path, part)
+    return found
 
 
 def _own(path: Path, named_in: Path | None, trust: bool) -> Actuator:

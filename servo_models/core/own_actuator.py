@@ -11,6 +11,7 @@ import functools
 import hashlib
 import linecache
 import os.path
+import re
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -20,6 +21,9 @@ from servo_models.core import block, plant
 from servo_models.core.plant import Actuator
 from servo_models.errors import UserError
 from servo_models.files import read_regular
+
+SIMULATION = re.compile(r"(.+\.fmu)|(.+\.py):(\w+)|(.+\.xml)#(.+)")
+"""``x.fmu``, ``sim.py:function`` and ``robot.xml#joint``."""
 
 
 def load_actuator(path: Path) -> Actuator:
@@ -37,18 +41,11 @@ def load_actuator(path: Path) -> Actuator:
 
 @functools.lru_cache(maxsize=16)
 def _run(path: Path, content: bytes) -> Actuator:
-    name = f"own_actuator_{hashlib.sha256(f'{path}'.encode() + content).hexdigest()[:16]}"
-    module = sys.modules[name] = ModuleType(name)
-    module.__file__ = str(path)
     # where files written for version 0.2 look for their names
     sys.modules |= {"servo_models.block": block, "servo_models.actuator": plant}
     try:
-        text = content.decode()
-        # blocks are inlined from this text, whatever becomes of the file meanwhile
-        linecache.cache[str(path)] = (len(text), None, text.splitlines(keepends=True), str(path))
-        exec(compile(text, str(path), "exec"), vars(module))  # the user's own file: see above
+        module = executed(content.decode(), str(path))
     except (Exception, SystemExit) as error:  # whatever a user's file may raise
-        del sys.modules[name]
         raise UserError(
             f"'{path}' does not run: {type(error).__name__}: {error}; correct it"
         ) from error
@@ -58,9 +55,42 @@ def _run(path: Path, content: bytes) -> Actuator:
     return replace(found, file=path)
 
 
+def executed(text: str, path: str) -> ModuleType:
+    """Run Python text as a module of its own, from which blocks can be printed.
+
+    Raises:
+        Exception: whatever the text raises.
+    """
+    name = f"own_actuator_{hashlib.sha256(f'{path}{text}'.encode()).hexdigest()[:16]}"
+    module = sys.modules[name] = ModuleType(name)
+    module.__file__ = path
+    # blocks are inlined from this text, whatever becomes of the file meanwhile
+    linecache.cache[path] = (len(text), None, text.splitlines(keepends=True), path)
+    try:
+        exec(compile(text, path, "exec"), vars(module))  # the user's own file: see above
+    except BaseException:
+        del sys.modules[name]
+        raise
+    return module
+
+
 def is_file(name: str) -> bool:
-    """Whether an actuator is called by its Python file."""
-    return name.endswith(".py")
+    """Whether an actuator is called by its file: Python, or a simulation that is not ours."""
+    return name.endswith(".py") or simulation(name) is not None
+
+
+def simulation(name: str) -> tuple[Path, str] | None:
+    """Return the file, and what of it, where a name is that of a simulation that is not ours.
+
+    Example:
+        >>> simulation("arm/robot.xml#elbow")
+        (PosixPath('arm/robot.xml'), 'elbow')
+    """
+    found = SIMULATION.fullmatch(name)
+    if not found:
+        return None
+    fmu, python, function, mjcf, joint = found.groups()
+    return Path(fmu or python or mjcf), function or joint or ""
 
 
 def check_trust(code: Path, named_in: Path, trust: bool) -> None:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from servo_models.core.block import RESERVED, SIGNAL, TIME, Block, Param, check_name
 from servo_models.core.bounds import outside
@@ -428,6 +428,21 @@ class GreyBox:
         return len(self.coefficients) - 1
 
 
+class Inner(Protocol):
+    """A simulation that is not ours, between the command and the readings of a plant."""
+
+    def ran(
+        self,
+        run: Callable[[Any, Any, Any], Any],
+        values: Mapping[str, float],
+        state: Any,
+        times: Any,
+        inputs: Any,
+    ) -> Any:
+        """Return the outputs, shape (n, outputs), of both together; see ``foreign.box.Around``."""
+        ...
+
+
 @dataclass(frozen=True)
 class Actuator:
     """An identified product: a plant and its variants.
@@ -449,6 +464,7 @@ class Actuator:
         general: it stands for a kind of actuator, not for one that is made: ``check --init``
             proposes it only where no other fits.
         file: that defines it, None for one of the catalogue.
+        inner: what the plant stands around, where that is a simulation that is not ours.
 
     Raises:
         ValueError: a name that no FMU can have, no variant, an output without a ``Wire`` of its
@@ -469,6 +485,7 @@ class Actuator:
     grey_box: GreyBox | None = None
     general: bool = False
     file: Path | None = None
+    inner: Inner | None = None
 
     def __post_init__(self) -> None:
         check_actuator_name(self.name)

@@ -258,7 +258,14 @@ class Model:
         Raises:
             UserError: see ``run``; also a run of more than ``most`` sub-steps.
         """
-        return self._ran(vector, state, times, inputs, most)[0]
+        if self.actuator.inner is None:
+            return self._ran(vector, state, times, inputs, most)[0]
+
+        def run(state: Array, times: Array, inputs: Array) -> Array:
+            return self._ran(vector, state, times, inputs, most)[0]
+
+        values = dict(zip(self.values, vector.tolist()))
+        return np.asarray(self.actuator.inner.ran(run, values, state, times, inputs))
 
     def substeps(self, vector: Array, times: Array, inputs: Array) -> int:
         """Return how many sub-steps ``from_rest`` makes."""

@@ -7,7 +7,6 @@ from importlib.resources import files
 from pathlib import Path
 
 from servo_models.core.catalogue import all_actuators
-from servo_models.core.own_actuator import is_file
 from servo_models.core.plant import check_actuator_name
 from servo_models.errors import UserError
 from servo_models.files import write_whole
@@ -25,7 +24,7 @@ def write_template(path: Path) -> None:
         UserError: no .py, a name that no actuator can have or that one of the catalogue has, a
             file that is there, or a folder that cannot be written.
     """
-    if not is_file(path.name):
+    if path.suffix != ".py":
         raise UserError(f"'{path}' is no Python file: let the name end in .py")
     try:
         check_actuator_name(path.stem)

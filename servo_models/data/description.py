@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from servo_models.core.catalogue import actuator as find_actuator
-from servo_models.core.own_actuator import check_trust, is_file
+from servo_models.core.own_actuator import check_trust, is_file, simulation
 from servo_models.core.plant import Actuator, unknown
 from servo_models.core.simulate import Model, model
 from servo_models.data.log import Log
@@ -216,7 +216,8 @@ def _known_before(document: Section, params: str, trust: bool) -> ParameterSet:
     try:
         actuator = read_toml(path).read(ParameterFile).actuator
         if is_file(actuator):
-            check_trust(path.parent / actuator, document.file, trust)
+            code = simulation(actuator) or (actuator, "")
+            check_trust(path.parent / code[0], document.file, trust)
         return read_parameters(path, trust)
     except UserError as error:
         document.fail("params", error)

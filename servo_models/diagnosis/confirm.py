@@ -12,6 +12,7 @@ from servo_models.build import build
 from servo_models.core.simulate import Model
 from servo_models.data.log import Log
 from servo_models.diagnosis.search.selection import Selection
+from servo_models.errors import UserError
 from servo_models.files import scratch
 from servo_models.identification.result import Accuracy, accuracy
 from servo_models.validation.fmu_subject import Subject
@@ -75,6 +76,8 @@ def confirm(fitted: Model, selection: Selection, logs: Sequence[Log]) -> Confirm
     Raises:
         UserError: an FMU that stops where the simulation goes on.
     """
+    if fitted.actuator.inner:
+        raise UserError(f"'{fitted.actuator.name}' is a simulation that is not ours")
     taken, nominal = selection.taken, selection.retuned.problem
     responses, off, moving = [], 0.0, []
     with scratch() as folder:

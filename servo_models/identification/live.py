@@ -51,7 +51,7 @@ def live_logs(
     runs = live_runs(model, logs, [model.values, *sets.values()])
     try:
         return (live_model(model, sets, errors, shown, runs, floors),) if runs else ()
-    except ValueError:
+    except UserError:
         return ()
 
 

@@ -184,6 +184,8 @@ class Run:
     def beginning(self) -> Beginning | None:
         """How the run begins where neither rest nor its first row says so."""
         start = self.log.start
+        if self.model.actuator.inner:
+            return None  # nobody can put such a simulation to a motion
         if start and (start.shaft or (start.fitted and start.before)):
             return Beginning(self, start)
         return None

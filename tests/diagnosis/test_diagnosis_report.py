@@ -23,13 +23,13 @@ from servo_models.data.description import Description
 from servo_models.data.log import Channel
 from servo_models.data.schema import Section
 from servo_models.diagnosis import summary
+from servo_models.diagnosis.calibration import MOST_PROBABILITY, calibrated
 from servo_models.diagnosis.confirm import Confirmation
 from servo_models.diagnosis.diagnose import diagnose
-from servo_models.diagnosis.calibration import MOST_PROBABILITY, calibrated
 from servo_models.diagnosis.ranking import NOTHING_ERRORS, probabilities, ranked_effects
 from servo_models.diagnosis.result import Diagnosis
-from servo_models.diagnosis.stretches import HeldOut
 from servo_models.diagnosis.sections.tables import intervals
+from servo_models.diagnosis.stretches import HeldOut
 from servo_models.diagnosis.verdict import (
     EFFECT,
     EFFECTS,
@@ -316,7 +316,9 @@ def test_an_effect_whose_size_is_not_determined_is_not_asserted(
     taken = found.selection.taken
     unknown = np.abs(taken.values["transport_delay.time"]) / errors_from_nothing
     names = [free.name for free in taken.problem.free]
-    errors = np.where(np.array(names) == "transport_delay.time", unknown, taken.spread.standard_errors)
+    errors = np.where(
+        np.array(names) == "transport_delay.time", unknown, taken.spread.standard_errors
+    )
     wide = replace(taken)
     vars(wide)["spread"] = replace(taken.spread, standard_errors=errors)
     doubted = replace(found, selection=replace(found.selection, taken=wide))

@@ -1,0 +1,133 @@
+"""The plant around a box: effects on what it is sent and on what is read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from servo_models.actuators.wiring import input_scale, outside_sensor
+from servo_models.core.block import Block, Param
+from servo_models.core.catalogue import effects_on
+from servo_models.core.own_actuator import executed
+from servo_models.core.plant import Actuator, Placement, Plant, Variant, Wire, internal_step
+from servo_models.foreign.box import Around, Box, Signal
+
+COMMAND = (
+    "transport_delay",
+    "command_lag",
+    "sample_hold",
+    "dead_band",
+    "command_quantisation",
+    "command_offset",
+    "command_saturation",
+    "rate_limit",
+    "motion_profile",
+)
+"""Effects on a command, in the order in which they act."""
+LOADS = ("N.m", "N")  # units of inputs that are no commands
+DISPLAY = {"rad": "deg", "rad/s": "deg/s"}
+RANGE = 10.0  # start values to either side up to which a parameter without bounds may go
+FASTEST = 100.0  # full scales a second that hardly any actuator moves
+PASSED = '''
+from servo_models.core.block import block
+
+@block("{given}")
+def pass_{given}({taken}: float) -> float:
+    """What it is, unless an effect changes it."""
+    return {taken}
+
+PASSED = pass_{given}
+'''
+
+
+def actuator_around(box: Box, file: Path) -> Actuator:
+    """Return the actuator of a box, which ``file`` calls, and the effects around it.
+
+    Raises:
+        ValueError: a signal or a parameter has a name that none can have.
+    """
+    plant = Plant(
+        inputs=(
+            *map(_wire, box.inputs),
+            *(_wire(one, f"simulated_{one.name}") for one in box.outputs),
+            *(_rate(one, f"simulated_{one.name}_rate") for one in box.outputs),
+        ),
+        wires=(
+            *map(_wire, box.outputs),
+            *(_rate(one, f"{one.name}_rate") for one in box.outputs),
+            *(_wire(one, f"sent_{one.name}") for one in box.inputs),
+        ),
+        chain=(*_sent(box.inputs), *_read(box.outputs)),
+        states=(),
+        outputs=(*(it.name for it in box.outputs), *(f"sent_{it.name}" for it in box.inputs)),
+        constants={
+            **internal_step(box.step, high=0.1),
+            **{it.name: _param(it) for it in box.parameters},
+        },
+    )
+    command = box.inputs[0]
+    return Actuator(
+        name=box.name,
+        title=box.title,
+        about="a simulation that is not ours, with effects before and behind it",
+        source="the file that was given",
+        plant=plant,
+        variants=(Variant("given", "as the file has it", {}, "the file"),),
+        stop_time=box.stop_time,
+        step_size=box.step,
+        step=(command.name, command.rest + 0.5 * command.size),
+        file=file,
+        inner=Around(box),
+    )
+
+
+def _sent(inputs: tuple[Signal, ...]) -> tuple[Block | Placement, ...]:
+    found: list[Block | Placement] = []
+    commands = [one.name for one in inputs if one.unit not in LOADS]
+    for name in commands:
+        prefix = f"{name}_" if len(commands) > 1 else ""
+        found.append(input_scale(f"{prefix}command_gain", name))
+        found += effects_on(name, *(f"{prefix}{effect}" for effect in COMMAND))
+    for one in inputs:
+        found += effects_on(one.name, f"{one.name}_offset") if one.unit in LOADS else ()
+        found.append(_passed(f"sent_{one.name}", one.name))
+    return tuple(found)
+
+
+def _read(outputs: tuple[Signal, ...]) -> tuple[Block | Placement, ...]:
+    found: list[Block | Placement] = []
+    for one in outputs:
+        rate = f"{one.name}_rate"
+        found += [_passed(one.name, f"simulated_{one.name}"), _passed(rate, f"simulated_{rate}")]
+    first, *others = (one.name for one in outputs)
+    found += effects_on((first, f"{first}_rate"), "backlash")
+    found += effects_on(first, "hysteresis", "sensor_nonlinearity")
+    for prefix, name in (("sensor", first), *((other, other) for other in others)):
+        found += outside_sensor(prefix, name)
+    return tuple(found)
+
+
+def _passed(given: str, taken: str) -> Block:
+    """A block that gives a wire what another one has; its text is what is printed."""
+    module = executed(PASSED.format(given=given, taken=taken), f"<{given} around a box>")
+    found: Block = module.PASSED
+    return found
+
+
+def _wire(one: Signal, name: str = "") -> Wire:
+    about = one.about or one.name.replace("_", " ")
+    return Wire(
+        name or one.name, one.unit, about, one.size, one.rest, display=DISPLAY.get(one.unit)
+    )
+
+
+def _rate(one: Signal, name: str) -> Wire:
+    unit = "1/s" if one.unit == "1" else f"{one.unit}/s"
+    return Wire(name, unit, f"rate of {one.name}", FASTEST * one.size)
+
+
+def _param(one: Signal) -> Param:
+    reach = RANGE * (abs(one.size) or 1.0)
+    low, high = max(one.low, min(one.size, 0.0) - reach), min(one.high, max(one.size, 0.0) + reach)
+    if one.size > 0.0 and one.low < 0.0:
+        low = 0.0  # of one sign, as far as is known
+    return Param(one.unit, one.about or one.name, one.size, low, high)

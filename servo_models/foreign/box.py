@@ -1,0 +1,147 @@
+"""The narrow interface to a simulation that is not ours, and the plant that stands around it.
+
+A *box* is simulated with parameters, times and inputs, and gives outputs.  Around it stands a plant
+of effects: on the command, before the box, and on the readings, behind it.  One run of the whole is
+a run of the plant for what the box is sent, the box, and a run of the plant for what is read.
+
+Boxes are slow and runs repeat: what is behind a box changes nothing in it, so the latest answers of
+a box are kept by what it was sent.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from servo_models.core.types import Array
+
+KEPT = 256  # latest answers of a box that are kept
+Run = Callable[[Array, Array, Array], Array]
+"""A run of the plant: state, times, inputs -> outputs."""
+
+
+@dataclass(frozen=True)
+class Signal:
+    """An input, an output or a parameter of a box.
+
+    Attributes:
+        name: of a wire or a parameter, see ``block.check_name``.
+        unit: SI unit.
+        size: full scale of a signal, start value of a parameter [SI].
+        low, high: bounds of a parameter [SI].
+        about: what it is.
+        rest: value [SI] of an input that nobody sends.
+    """
+
+    name: str
+    unit: str
+    size: float
+    low: float = -np.inf
+    high: float = np.inf
+    about: str = ""
+    rest: float = 0.0
+
+
+class Box(Protocol):
+    """A simulation that is not ours.
+
+    Attributes:
+        name, title: of it.
+        inputs: those that are torques or forces are loads, the others commands.
+        outputs: the reading that is judged first.
+        parameters: that may be chosen.
+        step: longest time [s] between two points at which it is sent inputs.
+        stop_time: duration [s] of an experiment that shows what it does.
+    """
+
+    name: str
+    title: str
+    inputs: tuple[Signal, ...]
+    outputs: tuple[Signal, ...]
+    parameters: tuple[Signal, ...]
+    step: float
+    stop_time: float
+
+    def run(self, parameters: Mapping[str, float], times: Array, inputs: Array) -> Array:
+        """Return outputs at ``times``, shape (n, outputs), from rest.
+
+        Args:
+            parameters: by name [SI].
+            times: increasing [s], shape (n,).
+            inputs: shape (n, inputs) [SI], each row held until the next time.
+
+        Raises:
+            UserError: it stops, or takes too long.
+        """
+        ...
+
+
+@dataclass(eq=False)
+class Around:
+    """Runs of a box with the plant around it; what ``Actuator.inner`` calls."""
+
+    box: Box
+    _known: OrderedDict[bytes, Array] = field(default_factory=OrderedDict, init=False, repr=False)
+    _lock: threading.Lock = field(default_factory=threading.Lock, init=False, repr=False)
+
+    def ran(
+        self,
+        run: Run,
+        values: Mapping[str, float],
+        state: Array,
+        times: Array,
+        inputs: Array,
+    ) -> Array:
+        """Return what is read, shape (n, outputs of the plant), for ``inputs`` of the plant.
+
+        ``run`` is that of the plant alone with parameters ``values``, and advances ``state``.
+        """
+        sent, read = len(self.box.inputs), len(self.box.outputs)
+        grid, rows = finer(times, self.box.step)
+        given = np.asarray(inputs, dtype=float)[held(times, grid)].copy()
+        given[:, sent:] = 0.0  # what is read says nothing yet
+        out = run(state.copy(), grid, given)
+        before = out[:, read : read + sent]
+        # an output at the end of an interval shows what was sent in it
+        command = np.vstack([before[1:], before[-1:]])
+        answer = self._answer(values, grid, command)
+        given[:, sent : sent + read] = answer
+        steps = np.gradient(answer, axis=0) if len(grid) > 1 else np.zeros_like(answer)
+        given[:, sent + read :] = steps / self.box.step
+        # a reading at a row is that of the input held before it: the first row stands twice
+        twice = np.concatenate([grid[:1], grid])
+        behind = run(state, twice, np.vstack([given, given[-1:]]))
+        return np.asarray(np.delete(behind, 1, axis=0)[rows])
+
+    def _answer(self, values: Mapping[str, float], times: Array, command: Array) -> Array:
+        parameters = {one.name: values[one.name] for one in self.box.parameters}
+        numbers = np.array(list(parameters.values()))
+        key = b"".join(it.tobytes() for it in (numbers, times, np.ascontiguousarray(command)))
+        with self._lock:
+            if key in self._known:
+                self._known.move_to_end(key)
+                return self._known[key]
+        found = self.box.run(parameters, times, command)
+        with self._lock:
+            self._known[key] = found
+            while len(self._known) > KEPT:
+                self._known.popitem(last=False)
+        return found
+
+
+def finer(times: Array, step: float) -> tuple[Array, Array]:
+    """Return times with equal parts of at most ``step`` [s] between them, and where the given ones
+    stand.  Equal neighbours stay."""
+    parts = np.maximum(np.ceil(np.diff(times) / step - 1e-9), 1.0).astype(int)
+    rows = np.concatenate([[0], np.cumsum(parts)])
+    return np.interp(np.arange(rows[-1] + 1.0), rows, times), rows
+
+
+def held(times: Array, grid: Array) -> Array:
+    """Return, for each time of a grid, the last row of ``times`` that is not later."""
+    return np.maximum(np.searchsorted(times, grid, side="right") - 1, 0)

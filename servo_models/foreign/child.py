@@ -1,0 +1,105 @@
+"""A Python function that runs in a process of its own: a crash or a hang ends one call.
+
+The next call starts the process anew.  It guards against faults, not against malice: the code runs
+with the rights of whoever runs it.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import subprocess
+import sys
+import threading
+import weakref
+from collections.abc import Callable
+from typing import Any
+
+from servo_models.errors import UserError
+
+SERVE = "from servo_models.foreign.child import serve; serve()"
+GRACE = 5.0  # s that a process may take to end
+
+
+class Child:
+    """A function, called in another process.
+
+    Args:
+        make: of a module that can be imported; called there with ``arguments``, it gives the
+            function.
+        seconds: that one call may take.
+        what: names the function in errors.
+    """
+
+    def __init__(
+        self, make: Callable[..., Any], arguments: tuple[Any, ...], seconds: float, what: str
+    ) -> None:
+        self.begin, self.seconds, self.what = (make, arguments), seconds, what
+        self._lock = threading.Lock()
+        self._process: subprocess.Popen[bytes] | None = None
+
+    def __call__(self, *given: Any) -> Any:
+        """Return what the function returns.
+
+        Raises:
+            UserError: it raised, ended its process or took too long.
+        """
+        with self._lock:
+            process = self._running()
+            late = threading.Event()
+            timer = threading.Timer(self.seconds, _end, (late, process))
+            timer.start()
+            try:
+                pickle.dump(given, process.stdin)
+                process.stdin.flush()
+                raised, answer = pickle.load(process.stdout)  # from a process that we started
+            except (EOFError, OSError, pickle.UnpicklingError) as error:
+                code = process.wait(GRACE)
+                self._process = None
+                if late.is_set():
+                    why = f"does not answer within {self.seconds:g} s: make a run shorter"
+                else:
+                    why = f"ended its process (exit code {code})"
+                raise UserError(f"{self.what} {why}") from error
+            finally:
+                timer.cancel()
+        if raised:
+            raise UserError(f"{self.what} fails: {answer}")
+        return answer
+
+    def _running(self) -> Any:
+        if self._process is None:
+            process: Any = subprocess.Popen(
+                [sys.executable, "-c", SERVE], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+            )
+            weakref.finalize(self, process.kill)
+            pickle.dump((sys.path, *self.begin), process.stdin)
+            self._process = process
+        return self._process
+
+
+def _end(late: threading.Event, process: subprocess.Popen[bytes]) -> None:
+    late.set()
+    process.kill()
+
+
+def serve() -> None:
+    """Answer calls until standard input ends; what the function prints goes to standard error."""
+    calls, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
+    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+    os.dup2(2, 1)
+    path, make, arguments = pickle.load(calls)  # from the process that started this one
+    sys.path[:] = path
+    function: Any = None
+    while True:
+        try:
+            given = pickle.load(calls)
+        except EOFError:
+            os._exit(0)
+        try:
+            function = function or make(*arguments)
+            answer = (False, function(*given))
+        except Exception as error:  # whatever a person's file may raise
+            answer = (True, f"{type(error).__name__}: {error}")
+        pickle.dump(answer, answers)
+        answers.flush()

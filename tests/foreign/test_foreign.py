@@ -1,0 +1,240 @@
+"""Simulations that are not ours as models: a Python function, an FMU, a joint of MuJoCo."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from servo_models import check, diagnose, model, read_description, simulate
+from servo_models.build import build
+from servo_models.core.types import Array
+from servo_models.errors import UserError
+from servo_models.foreign import function
+from servo_models.foreign.box import finer, held
+from tests.conftest import Run
+
+FIRST_ORDER = """
+import numpy as np
+
+INPUTS = {"goal": "90 deg"}
+OUTPUTS = {"angle": "90 deg"}
+PARAMETERS = {"time_constant": "50 ms"}
+STEP = 0.002
+
+def simulate(parameters, times, inputs):
+    print("what it prints goes elsewhere")
+    angle = np.zeros(len(times))
+    decay = np.exp(-np.diff(times) / parameters["time_constant"])
+    for k, left in enumerate(decay):
+        angle[k + 1] = inputs["goal"][k] + left * (angle[k] - inputs["goal"][k])
+    return {"angle": angle}
+"""
+TAU = 0.05
+MJCF = """
+<mujoco><compiler angle="radian"/>
+  <option timestep="0.0005" gravity="0 0 0" integrator="implicitfast"/>
+  <worldbody>
+    <body>
+      <joint name="elbow" axis="0 0 1" damping="0.3" armature="0.01" range="-2 2"/>
+      <geom type="sphere" size="0.01" mass="1e-6"/>
+    </body>
+    <body><joint name="free_one"/><geom type="sphere" size="0.01" mass="0.1"/></body>
+  </worldbody>
+  <actuator><position name="drive" joint="elbow" kp="20" kv="0.2" ctrlrange="-2 2"/></actuator>
+</mujoco>
+"""
+TIMES = np.arange(0.0, 1.0, 0.005)
+
+
+def first_order(folder: Path, text: str = FIRST_ORDER) -> str:
+    (folder / "sim.py").write_text(text)
+    return f"{folder / 'sim.py'}:simulate"
+
+
+def step_of_first_order(times: Array, at: float, size: float) -> Array:
+    """Exact."""
+    return np.where(times > at, size * (1.0 - np.exp(-np.maximum(times - at, 0.0) / TAU)), 0.0)
+
+
+def test_a_function_alone_gives_what_it_gives(tmp_path: Path) -> None:
+    goal = np.where(TIMES >= 0.1, 0.5, 0.0)
+    found = simulate(model(first_order(tmp_path)), TIMES, {"goal": goal})
+    np.testing.assert_allclose(found["angle"], step_of_first_order(TIMES, 0.1, 0.5), atol=1e-12)
+    assert not found.warnings
+
+
+@pytest.mark.parametrize(
+    ("effect", "size", "expected"),
+    [
+        ("transport_delay.time", 0.02, step_of_first_order(TIMES, 0.12, 0.5)),
+        ("command_gain.error", 0.1, step_of_first_order(TIMES, 0.1, 0.55)),
+        ("command_offset.value", 0.0, step_of_first_order(TIMES, 0.1, 0.5)),
+        ("sensor_offset.value", 0.01, 0.01 + step_of_first_order(TIMES, 0.1, 0.5)),
+        ("command_saturation.limit", 0.3, step_of_first_order(TIMES, 0.1, 0.3)),
+        (
+            "backlash.half_width",
+            0.05,
+            np.maximum(step_of_first_order(TIMES, 0.1, 0.5) - 0.05, 0.0),
+        ),
+    ],
+)
+def test_effects_around_a_function_act_by_their_law(
+    tmp_path: Path, effect: str, size: float, expected: Array
+) -> None:
+    chosen = model(first_order(tmp_path), None, {effect: size})
+    found = simulate(chosen, TIMES, {"goal": np.where(TIMES >= 0.1, 0.5, 0.0)})
+    np.testing.assert_allclose(found["angle"], expected, atol=1e-9)
+
+
+@given(st.lists(st.floats(0.0, 0.02), min_size=1, max_size=30), st.floats(1e-4, 5e-3))
+def test_a_finer_grid_holds_every_time_and_no_longer_step(steps: list[float], step: float) -> None:
+    times = np.concatenate([[0.0], np.cumsum(steps)])
+    grid, rows = finer(times, step)
+    np.testing.assert_array_equal(grid[rows], times)
+    assert np.diff(grid).max() <= step * (1.0 + 1e-6)
+    row = held(times, grid)
+    assert np.all(times[row] <= grid)
+    assert np.all(np.append(times, np.inf)[row + 1] > grid)
+
+
+@pytest.mark.thorough
+def test_an_fmu_of_ours_gives_what_its_model_gives(tmp_path: Path) -> None:
+    """The frame of this servo and its steps are in the FMU; around it nothing acts."""
+    white = model("second_order_servo", "bus")
+    (file,) = build([white], tmp_path)
+    goal = 0.4 * np.sin(9.0 * TIMES)
+    rest = {"pulse_width": 1.5e-3}
+    black = simulate(model(str(file)), TIMES, {"goal": goal, **rest})
+    np.testing.assert_allclose(
+        black["angle"], simulate(white, TIMES, {"goal": goal, **rest})["angle"], atol=1e-9
+    )
+
+
+def test_a_joint_of_mujoco_follows_its_equation(tmp_path: Path) -> None:
+    """0.01 y'' + (0.3 + 0.2) y' + 20 y = 20 u, solved exactly for a step; MuJoCo's own steps of
+    0.5 ms leave an error of first order."""
+    pytest.importorskip("mujoco", reason="the extra 'benchmark' is not installed")
+    (tmp_path / "arm.xml").write_text(MJCF)
+    chosen = model(f"{tmp_path / 'arm.xml'}#elbow")
+    assert chosen.values["kp"] == 20.0
+    found = simulate(chosen, TIMES, {"command": 0.5})
+    omega, damping = np.sqrt(20.0 / 0.01), 0.5 / (2.0 * np.sqrt(20.0 * 0.01))
+    turn = omega * np.sqrt(1.0 - damping**2)
+    swing = np.cos(turn * TIMES) + damping * omega / turn * np.sin(turn * TIMES)
+    exact = 0.5 * (1.0 - np.exp(-damping * omega * TIMES) * swing)
+    np.testing.assert_allclose(found["angle"], exact, atol=0.01 * 0.5)
+
+
+WRONG = {
+    "crash": ("import os\n    os._exit(3)", "ended its process (exit code 3)"),
+    "hang": ("while True: pass", "does not answer within"),
+    "raise": ("raise ValueError('no such gear')", "ValueError: no such gear"),
+    "shape": ("return {'angle': [1.0, 2.0]}", "of shape (2,)"),
+    "no number": ("return {'angle': np.full(len(times), np.nan)}", "no number in row 0"),
+    "other name": ("return {'angel': times}", "'angle'"),
+    "no dict": ("return times", "no dict of arrays"),
+}
+
+
+@pytest.mark.parametrize("fault", WRONG)
+def test_a_function_that_fails_ends_one_run_with_a_sentence(
+    tmp_path: Path, fault: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    body, said = WRONG[fault]
+    head, tail = FIRST_ORDER.split('    print("what it prints goes elsewhere")\n')
+    trap = f"    if inputs['goal'][0] > 0:\n        {body.replace(chr(10), chr(10) + '    ')}\n"
+    monkeypatch.setattr(function, "SECONDS", 5.0)
+    chosen = model(first_order(tmp_path, head + trap + tail))
+    with pytest.raises(UserError, match="sim.py:simulate") as refused:
+        simulate(chosen, TIMES, {"goal": 0.5})
+    assert said in str(refused.value)
+    assert simulate(chosen, TIMES, {"goal": 0.0})["angle"].shape == TIMES.shape
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "said"),
+    [
+        ("x = 1", "simulate", "no function 'simulate'"),
+        ("def simulate(p, t, u): ...", "simulate", "no INPUTS"),
+        (FIRST_ORDER, "simulated", "did you mean 'simulate'"),
+        (FIRST_ORDER.replace('"50 ms"', '"50 quux"'), "simulate", "PARAMETERS['time_constant']"),
+        (FIRST_ORDER.replace('"angle": "90 deg"', '"a b": 1'), "simulate", "unfit name"),
+        ("raise SystemExit", "simulate", "does not run"),
+    ],
+)
+def test_a_file_without_what_is_needed_is_refused(
+    tmp_path: Path, text: str, name: str, said: str
+) -> None:
+    (tmp_path / "sim.py").write_text(text)
+    with pytest.raises(UserError) as refused:
+        model(f"{tmp_path / 'sim.py'}:{name}")
+    assert said in str(refused.value)
+
+
+def test_a_joint_that_is_not_there_or_not_driven_is_refused(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco", reason="the extra 'benchmark' is not installed")
+    (tmp_path / "arm.xml").write_text(MJCF)
+    for joint, said in (("elbo", "did you mean 'elbow'"), ("free_one", "no actuator drives")):
+        with pytest.raises(UserError, match=said):
+            model(f"{tmp_path / 'arm.xml'}#{joint}")
+
+
+def logged(folder: Path, play: float) -> Path:
+    """A log of the first-order system, 10 % slower than told, with play and noise."""
+    times = np.arange(0.0, 4.0, 0.005)
+    chirp = 0.5 * np.sin(2.0 * np.pi * (0.5 * times + 0.4 * times**2))
+    goal = np.where(times < 2.0, np.repeat([0.0, 0.4, -0.3, 0.6, 0.2], 160), chirp)
+    angle = np.zeros(len(times))
+    for k in range(len(times) - 1):
+        angle[k + 1] = goal[k] + np.exp(-0.005 / (1.1 * TAU)) * (angle[k] - goal[k])
+    read = angle.copy()
+    for k in range(1, len(times)):
+        read[k] = np.clip(read[k - 1], angle[k] - play, angle[k] + play)
+    read += 1e-3 * np.random.default_rng(1).standard_normal(len(times))
+    table = np.column_stack([times, goal, read])
+    np.savetxt(folder / "log.csv", table, delimiter=",", header="t,goal,angle", comments="")
+    (folder / "rig.toml").write_text(
+        'actuator = "sim.py:simulate"\n[uncertainty]\ntime_constant = "20 %"\n[[logs]]\n'
+        'file = "log.csv"\ntime = { column = "t", unit = "s" }\n'
+        'inputs.goal = { column = "goal", unit = "rad" }\n'
+        'outputs.angle = { column = "angle", unit = "rad" }\n'
+    )
+    return folder / "rig.toml"
+
+
+@pytest.mark.thorough
+def test_play_behind_a_function_is_diagnosed(tmp_path: Path) -> None:
+    first_order(tmp_path)
+    found = diagnose(logged(tmp_path, play=0.02), jobs=1)
+    assert found.selection.taken.effects == ("backlash",)
+    values = {one.name: one for one in found.found}
+    for name, truth in (("backlash.half_width", 0.02), ("time_constant", 1.1 * TAU)):
+        assert abs(values[name].value - truth) < 3.0 * values[name].standard_error + 0.02 * truth
+    assert "simulation that is not ours" in found.unconfirmed
+
+
+def test_a_simulation_elsewhere_runs_if_it_is_trusted_only(tmp_path: Path) -> None:
+    for name in ("one", "other"):
+        (tmp_path / name).mkdir()
+    first_order(tmp_path / "other")
+    path = logged(tmp_path / "one", play=0.0)
+    path.write_text(path.read_text().replace("sim.py", "../other/sim.py"))
+    with pytest.raises(UserError, match="--trust"):
+        read_description(path)
+    assert "time_constant" in read_description(path, trust=True).model.values
+
+
+def test_commands_take_a_simulation_where_they_take_an_actuator(tmp_path: Path, run: Run) -> None:
+    first_order(tmp_path)
+    path = logged(tmp_path, play=0.0)
+    assert "determined" in str(check(path, jobs=1))
+    code, out, _ = run("explain", f"{tmp_path / 'sim.py'}:simulate")
+    assert code == 0
+    assert "backlash" in out
+    code, _, err = run("explore", path, "--no-show", "--out", tmp_path / "page.html")
+    assert code == 2
+    assert "no page can hold it" in err
