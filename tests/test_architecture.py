@@ -23,6 +23,7 @@ FLOORS = (
     "build",
     "data",
     "identification validation",
+    "foreign",
     "diagnosis",
     "cli",
     "__main__ build_fmu",
@@ -224,7 +225,7 @@ EFFECTS = {
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
     if isinstance(node, ast.FunctionDef)
 } | {path.stem for path in ROOT.glob("servo_models/effects/[!_]*.py")}
-THEIR_OWN = ("effects", "actuators", "validation")
+THEIR_OWN = ("effects", "actuators", "validation", "foreign/border")
 """Folders that may name effects: who defines and places them, and who writes an actuator's truth
 down a second time, on purpose."""
 OTHER_THINGS = {

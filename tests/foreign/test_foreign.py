@@ -149,7 +149,7 @@ def test_a_function_that_fails_ends_one_run_with_a_sentence(
     trap = f"    if inputs['goal'][0] > 0:\n        {body.replace(chr(10), chr(10) + '    ')}\n"
     monkeypatch.setattr(function, "SECONDS", 5.0)
     chosen = model(first_order(tmp_path, head + trap + tail))
-    with pytest.raises(UserError, match="sim.py:simulate") as refused:
+    with pytest.raises(UserError, match=r"sim\.py:simulate") as refused:
         simulate(chosen, TIMES, {"goal": 0.5})
     assert said in str(refused.value)
     assert simulate(chosen, TIMES, {"goal": 0.0})["angle"].shape == TIMES.shape
