@@ -84,10 +84,10 @@ def _end(late: threading.Event, process: subprocess.Popen[bytes]) -> None:
 
 
 def serve() -> None:
-    """Answer calls until standard input ends; what the function prints goes to standard error."""
+    """Answer calls until standard input ends; what the function prints is not shown."""
     calls, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
-    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
-    os.dup2(2, 1)
+    for number in (0, 1):
+        os.dup2(os.open(os.devnull, os.O_RDWR), number)
     path, make, arguments = pickle.load(calls)  # from the process that started this one
     sys.path[:] = path
     function: Any = None
