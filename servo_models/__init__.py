@@ -52,6 +52,7 @@ if TYPE_CHECKING:
     from servo_models.data.arrays import describe
     from servo_models.data.description import Description, read_description
     from servo_models.data.parameters import ParameterSet, read_parameters, write_parameters
+    from servo_models.data.samples import sample
     from servo_models.data.tables import read_inputs, read_signals, write_signals
     from servo_models.diagnosis.diagnose import diagnose
     from servo_models.diagnosis.settings import Settings
@@ -110,6 +111,7 @@ __all__ = [
     "read_inputs",
     "read_parameters",
     "read_signals",
+    "sample",
     "simulate",
     "torque_causal",
     "validate",

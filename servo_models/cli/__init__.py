@@ -27,6 +27,7 @@ from servo_models.cli.figures import figures
 from servo_models.cli.identify import identify
 from servo_models.cli.list_ import list_
 from servo_models.cli.new import new
+from servo_models.cli.sample import sample
 from servo_models.cli.simulate import simulate
 from servo_models.cli.validate import validate
 from servo_models.errors import UserError, did_you_mean
@@ -90,6 +91,7 @@ app.command()(check)
 app.command()(identify)
 app.command()(diagnose)
 app.command()(compare)
+app.command()(sample)
 app.command()(blind)
 app.command()(build)
 app.command()(validate)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import datetime
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import singledispatch
 from importlib import metadata
+from itertools import combinations
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -17,6 +18,7 @@ from servo_models.core.catalogue import actuator as find_actuator
 from servo_models.core.own_actuator import key_from
 from servo_models.core.plant import Actuator, Parameter, check_bounds
 from servo_models.core.simulate import Model, model
+from servo_models.core.types import Array
 from servo_models.data.schema import (
     Number,
     Section,
@@ -31,6 +33,8 @@ from servo_models.report.document import Document, Figure, about
 from servo_models.report.interchange import plain
 from servo_models.report.result import registered
 from servo_models.units import factor
+
+CORRELATION_DIGITS = 6  # that a file holds
 
 
 class FigureTable(Table):
@@ -75,6 +79,7 @@ class ParameterFile(Table):
         date = 2026-01-31
         servo_models = "0.1.0"
         warnings = ["back_emf_constant: the logs do not determine it"]
+        correlations = [["torque_constant", "inductance", 0.31]]
 
         [logs]
         "step.csv" = "sha256:..."
@@ -98,6 +103,7 @@ class ParameterFile(Table):
     warnings: list[str] = []
     logs: dict[str, Any] = {}
     parameters: dict[str, Any] = {}
+    correlations: list[tuple[str, str, Annotated[float, Meta(ge=-1.0, le=1.0)]]] = []
     figures: dict[str, Any] = {}
 
 
@@ -162,6 +168,7 @@ class ParameterSet:
         actuator: name, or path of the file of one of your own, see ``catalogue.actuator``.
         variant: it has the values of all that is not listed.
         estimates: one for each parameter listed.
+        correlations: of pairs of them.
         method: how the values were found, in words.
         logs: names of the files they were found from, with the hash of their bytes,
             ``"sha256:..."``.
@@ -175,6 +182,7 @@ class ParameterSet:
     actuator: str
     variant: str
     estimates: tuple[Estimate, ...]
+    correlations: tuple[tuple[str, str, float], ...] = ()
     method: str = ""
     logs: Mapping[str, str] = field(default_factory=dict)
     date: datetime.date | None = None
@@ -234,6 +242,16 @@ def with_given(
     )
 
 
+def pairs(names: Sequence[str], correlations: Array) -> tuple[tuple[str, str, float], ...]:
+    """Return the correlations of each two parameters, of those that have one; (p, p)."""
+    found = correlations.round(CORRELATION_DIGITS).tolist()
+    return tuple(
+        (one, other, found[i][j])
+        for (i, one), (j, other) in combinations(enumerate(names), 2)
+        if math.isfinite(found[i][j]) and found[i][j]
+    )
+
+
 def known_error(error: float) -> float | None:
     """Return a standard error that a file can hold: on a bound, NaN, there is none."""
     return None if math.isnan(error) else error
@@ -270,6 +288,7 @@ def write_parameters(chosen: ParameterSet, path: str | Path) -> None:
         "date": chosen.date,
         "servo_models": chosen.version,
         "warnings": list(chosen.warnings),
+        "correlations": [list(it) for it in chosen.correlations],
         "logs": dict(chosen.logs),
         "parameters": nested({e.name: _entry(e, known[e.name]) for e in chosen.estimates}),
         "figures": {name: figure._asdict() for name, figure in chosen.figures.items()},
@@ -327,6 +346,7 @@ def read_parameters(path: str | Path, trust: bool = False) -> ParameterSet:
         actuator=actuator.key,
         variant=variant,
         estimates=tuple(_estimates(document.section("parameters"), actuator, variant)),
+        correlations=tuple(table.correlations),
         method=table.method,
         logs={name: logs.at(name).read(str, f'"{name}" = "sha256:..."') for name in logs},
         date=table.date,

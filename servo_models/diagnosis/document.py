@@ -12,7 +12,14 @@ from typing import TypeVar
 
 from servo_models.data.audit import Audit
 from servo_models.data.log import hashes
-from servo_models.data.parameters import Estimate, FitFigure, ParameterSet, known_error, with_given
+from servo_models.data.parameters import (
+    Estimate,
+    FitFigure,
+    ParameterSet,
+    known_error,
+    pairs,
+    with_given,
+)
 from servo_models.diagnosis import schema, summary
 from servo_models.diagnosis.design import Experiment
 from servo_models.diagnosis.gap import GapSummary
@@ -244,6 +251,7 @@ def _fitted(diagnosis: Diagnosis, date: datetime.date | None) -> ParameterSet:
         actuator=model.actuator.key,
         variant=model.variant,
         estimates=with_given(model.actuator.values(model.variant), model.values, estimated),
+        correlations=_correlations(diagnosis) if tuned else (),
         method=f"diagnosis, {diagnosis.verdict.kind}: {_causes(diagnosis)}",
         logs={name: f"sha256:{digest}" for name, digest in hashes(diagnosis.logs).items()},
         date=date,
@@ -253,6 +261,12 @@ def _fitted(diagnosis: Diagnosis, date: datetime.date | None) -> ParameterSet:
         },
         warnings=summary.warnings(diagnosis),
     )
+
+
+def _correlations(diagnosis: Diagnosis) -> tuple[tuple[str, str, float], ...]:
+    taken = diagnosis.selection.taken
+    names = [free.name for free in taken.problem.free]
+    return pairs(names, taken.spread.correlations) if names else ()
 
 
 def _with_map(diagnosis: Diagnosis, date: datetime.date | None) -> ParameterSet:

@@ -28,6 +28,7 @@ from servo_models.data.parameters import (
     FitFigure,
     ParameterSet,
     known_error,
+    pairs,
     with_given,
     write_parameters,
 )
@@ -199,6 +200,7 @@ def _of_simulation(found: Identification) -> ParameterSet:
         actuator=model.actuator.key,
         variant=model.variant,
         estimates=with_given(model.actuator.values(model.variant), model.values, estimated),
+        correlations=pairs(list(errors), found.correlations),
         method=found.method,
         logs={name: f"sha256:{digest}" for name, digest in hashes(found.logs).items()},
         date=_today(),
