@@ -24,7 +24,7 @@ def write_template(path: Path) -> None:
         UserError: no .py, a name that no actuator can have or that one of the catalogue has, a
             file that is there, or a folder that cannot be written.
     """
-    if path.suffix != ".py":
+    if not path.name.endswith(".py"):
         raise UserError(f"'{path}' is no Python file: let the name end in .py")
     try:
         check_actuator_name(path.stem)
