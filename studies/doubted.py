@@ -92,7 +92,9 @@ def main() -> None:
         )
         weights, told = learn(alone, there, np.ones(len(doubted)))
         known = json.loads(DATA.read_text(encoding="utf-8"))
+        sealed = [json.loads((it / "answers.json").read_text("utf-8")) for it in given.folders]
         known["doubted"] = {
+            "seeds": [one["seed"] for one in sealed],
             "effects": len(doubted),
             "weight": weights.tolist(),
             "probability": told.round(DIGITS).tolist(),
