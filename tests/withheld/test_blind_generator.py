@@ -141,7 +141,7 @@ def test_a_cause_is_the_products_effect_of_that_size(subject: Subject) -> None:
     assert VISIBLE[0] < found.gap / e.ranges[0] < VISIBLE[1]
     theirs = product(e, found.parameters(e.rig))
     bound = OTHER_LAW.get(found.name, SAME)
-    if found.name == "sensor_quantisation" and "feedback_step" in found.settings(e):
+    if found.name == "sensor_quantisation" and "feedback.step" in found.settings(e):
         bound = 0.1  # a loop chatters between codes at the pace of either integrator
     assert rms(e.logs(found.settings(e)), theirs) < bound * found.gap
 
@@ -195,7 +195,8 @@ def test_bristles_end_in_dry_friction_as_they_stiffen() -> None:
     }
     truth = (exact(times, inputs)["angle"][1:, None],)
     off = [
-        rms(e.logs({"coulomb": 2e-3, "bristle_stiffness": k}), truth) for k in (50.0, 250.0, 1250.0)
+        rms(e.logs({"friction.coulomb": 2e-3, "friction.bristle_stiffness": k}), truth)
+        for k in (50.0, 250.0, 1250.0)
     ]
     assert off[0] > 2.0 * off[1] > 4.0 * off[2]
 

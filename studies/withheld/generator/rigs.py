@@ -12,7 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from studies.rig.laws import ENCODER_CODE
+
 Values = Mapping[str, float]
+
+CURRENT, VOLTAGE, SPEED_LOOP, ANGLE_LOOP, FIRMWARE = range(5)
+"""What a command becomes: the motor's current or voltage, or a goal of speed or angle."""
 
 
 @dataclass(frozen=True)
@@ -95,21 +100,21 @@ def servo_constants(true: Values) -> dict[str, float]:
     band = SUPPLY / (true["amplifier_gain"] * K_F * true["potentiometer_gain"])
     natural = math.sqrt(top / (band * lag))
     return {
-        "servo": 1.0,
-        "inertia": lag * STALL_TORQUE / NO_LOAD,
-        "natural_frequency": natural,
-        "decay": 1.0 / lag,
-        "top_speed": top,
-        "rest": REST * VOLTS_PER_SECOND / (K_F * true["potentiometer_gain"]),
-        "drive_per_load": STALL_VOLTAGE / STALL_TORQUE / SUPPLY,
-        "full_scale": 6.0 / true["potentiometer_gain"],
-        "drive_unit": SUPPLY,
-        "feedback_unit": true["potentiometer_gain"],
-        "scale": VOLTS_PER_SECOND / (K_F * true["potentiometer_gain"]),
-        "delay": true["transport_delay.time"],
-        "stop_frequency": 3e3,
-        "contact_rate": 1e4,
-        "bristle_stiffness": 1000.0,
+        "loop.kind": ANGLE_LOOP,
+        "shaft.inertia": lag * STALL_TORQUE / NO_LOAD,
+        "shaft.natural_frequency": natural,
+        "shaft.decay": 1.0 / lag,
+        "loop.top_speed": top,
+        "loop.rest": REST * VOLTS_PER_SECOND / (K_F * true["potentiometer_gain"]),
+        "loop.drive_per_load": STALL_VOLTAGE / STALL_TORQUE / SUPPLY,
+        "feedback.full_scale": 6.0 / true["potentiometer_gain"],
+        "log.drive_unit": SUPPLY,
+        "log.feedback_unit": true["potentiometer_gain"],
+        "command.scale": VOLTS_PER_SECOND / (K_F * true["potentiometer_gain"]),
+        "command.delay": true["transport_delay.time"],
+        "shaft.stop_frequency": 3e3,
+        "gear.contact_rate": 1e4,
+        "friction.bristle_stiffness": 1000.0,
     }
 
 
@@ -141,17 +146,18 @@ MOTOR = {
 def motor_constants(true: Values) -> dict[str, float]:
     """Electrical corner [rad/s], natural frequency [rad/s] and decay [1/s] of the rotor."""
     return {
-        "inertia": true["rotor_inertia"],
-        "natural_frequency": math.sqrt(true["stiffness"] / true["rotor_inertia"]),
-        "decay": true["friction_coefficient"] / true["rotor_inertia"],
-        "corner": true["resistance"] / true["inductance"],
-        "resistance": true["resistance"],
-        "flux_per_angle": true["back_emf_constant"] / true["inductance"],
-        "torque_per_current": true["torque_constant"],
-        "travel": STOP,
-        "stop_frequency": 3.5e4,
-        "bristle_stiffness": 600.0,
-        "reading_scale": STOP,
+        "loop.kind": VOLTAGE,
+        "shaft.inertia": true["rotor_inertia"],
+        "shaft.natural_frequency": math.sqrt(true["stiffness"] / true["rotor_inertia"]),
+        "shaft.decay": true["friction_coefficient"] / true["rotor_inertia"],
+        "motor.corner": true["resistance"] / true["inductance"],
+        "motor.resistance": true["resistance"],
+        "motor.flux_per_angle": true["back_emf_constant"] / true["inductance"],
+        "motor.torque_per_current": true["torque_constant"],
+        "shaft.travel": STOP,
+        "shaft.stop_frequency": 3.5e4,
+        "friction.bristle_stiffness": 600.0,
+        "reading.full_scale": STOP,
     }
 
 
@@ -161,7 +167,7 @@ def motor_units(true: Values) -> dict[str, float]:
 
 
 BUS_VOLTS, BUS_TORQUE, BUS_SPEED = 7.4, 19.5 * 0.0980665, 52.0 * 2.0 * math.pi / 60.0
-BUS_GAIN, BUS_COUNT, BUS_TICK = 16.0, 2.0 * math.pi / 4096.0, 1e-3
+BUS_GAIN, BUS_TICK = 16.0, 1e-3
 BUS_STEP = 1e-4
 BUS = {
     "torque_constant": BUS_VOLTS / BUS_SPEED,
@@ -174,17 +180,17 @@ BUS = {
 def bus_constants(true: Values) -> dict[str, float]:
     """Motor, loop gain and clock of a servo with firmware."""
     return {
-        "servo": 2.0,
-        "inertia": true["inertia"],
-        "torque_per_current": true["torque_constant"],
-        "resistance": true["resistance"],
-        "supply": BUS_VOLTS,
-        "duty_per_angle": BUS_GAIN * true["loop_factor"],
-        "tick": float(round(BUS_TICK / BUS_STEP)),
-        "feedback_step": BUS_COUNT,
-        "stop_frequency": 3e3,
-        "contact_rate": 1e4,
-        "bristle_stiffness": 1e4,
+        "loop.kind": FIRMWARE,
+        "shaft.inertia": true["inertia"],
+        "motor.torque_per_current": true["torque_constant"],
+        "motor.resistance": true["resistance"],
+        "loop.supply": BUS_VOLTS,
+        "loop.duty_per_angle": BUS_GAIN * true["loop_factor"],
+        "loop.tick": float(round(BUS_TICK / BUS_STEP)),
+        "feedback.step": ENCODER_CODE,
+        "shaft.stop_frequency": 3e3,
+        "gear.contact_rate": 1e4,
+        "friction.bristle_stiffness": 1e4,
     }
 
 
@@ -211,21 +217,21 @@ def pulse_constants(true: Values) -> dict[str, float]:
     """A loop whose error, and the torque behind it, are limited."""
     natural, ratio = true["natural_frequency"], true["damping_ratio"]
     return {
-        "servo": 1.0,
-        "inertia": true["inertia"],
-        "natural_frequency": natural,
-        "decay": 2.0 * ratio * natural,
-        "top_speed": true["speed_limit"],
-        "largest_error": 2.0 * ratio * true["speed_limit"] / natural,
-        "full": math.inf,
-        "acceleration": true["acceleration_limit"],
-        "zero": PULSE_REST,
-        "scale": true["pulse_gain"],
-        "full_scale": PULSE_FULL_ANGLE,
-        "delay": true["transport_delay.time"],
-        "stop_frequency": 3e3,
-        "contact_rate": 1e4,
-        "bristle_stiffness": 1000.0,
+        "loop.kind": ANGLE_LOOP,
+        "shaft.inertia": true["inertia"],
+        "shaft.natural_frequency": natural,
+        "shaft.decay": 2.0 * ratio * natural,
+        "loop.top_speed": true["speed_limit"],
+        "loop.largest_error": 2.0 * ratio * true["speed_limit"] / natural,
+        "loop.full": math.inf,
+        "loop.acceleration": true["acceleration_limit"],
+        "command.zero": PULSE_REST,
+        "command.scale": true["pulse_gain"],
+        "feedback.full_scale": PULSE_FULL_ANGLE,
+        "command.delay": true["transport_delay.time"],
+        "shaft.stop_frequency": 3e3,
+        "gear.contact_rate": 1e4,
+        "friction.bristle_stiffness": 1000.0,
     }
 
 
@@ -260,13 +266,13 @@ WOUND = {**ROTOR, "resistance": 2.0, "winding_lag.time_constant": 5e-4}
 def rotor_constants(true: Values, ratio: float = 1.0) -> dict[str, float]:
     """A free rotor on a current, seen behind a gearbox; its encoder is on the rotor."""
     return {
-        "inertia": ratio * ratio * true["rotor_inertia"],
-        "natural_frequency": 0.0,
-        "decay": true["viscous_coefficient"] / true["rotor_inertia"],
-        "torque_per_current": ratio * true["torque_constant"],
-        "bristle_stiffness": 100.0 * ratio * ratio,
-        "feedback_unit": ratio,
-        "reading_scale": ENCODER_SCALE / ratio,
+        "shaft.inertia": ratio * ratio * true["rotor_inertia"],
+        "shaft.natural_frequency": 0.0,
+        "shaft.decay": true["viscous_coefficient"] / true["rotor_inertia"],
+        "motor.torque_per_current": ratio * true["torque_constant"],
+        "friction.bristle_stiffness": 100.0 * ratio * ratio,
+        "log.feedback_unit": ratio,
+        "reading.full_scale": ENCODER_SCALE / ratio,
     }
 
 
@@ -285,9 +291,10 @@ def loop_constants(true: Values) -> dict[str, float]:
     """A free rotor under the current of a PI loop about its speed."""
     return {
         **rotor_constants(true),
-        "loop_limit": true["current_limit"],
-        "loop_gain": true["speed_gain"],
-        "loop_rate": 1.0 / true["integral_time"],
+        "loop.kind": SPEED_LOOP,
+        "loop.largest_current": true["current_limit"],
+        "loop.gain": true["speed_gain"],
+        "loop.rate": 1.0 / true["integral_time"],
     }
 
 
@@ -301,9 +308,10 @@ def wound_constants(true: Values) -> dict[str, float]:
     rotor, corner = rotor_constants(true, GEARBOX), 1.0 / true["winding_lag.time_constant"]
     return {
         **rotor,
-        "corner": corner,
-        "resistance": true["resistance"],
-        "flux_per_angle": rotor["torque_per_current"] * corner / true["resistance"],
+        "loop.kind": VOLTAGE,
+        "motor.corner": corner,
+        "motor.resistance": true["resistance"],
+        "motor.flux_per_angle": rotor["motor.torque_per_current"] * corner / true["resistance"],
     }
 
 
@@ -333,12 +341,12 @@ def bus_poles() -> tuple[float, float]:
 def motor_poles(true: Values) -> tuple[float, float]:
     """Magnitude of the fastest and of the slowest pole [rad/s] of the linear rig."""
     c = motor_constants(true)
-    drag, spring = c["decay"], c["natural_frequency"] ** 2
-    pull = c["torque_per_current"] / c["inertia"]
+    drag, spring = c["shaft.decay"], c["shaft.natural_frequency"] ** 2
+    pull = c["motor.torque_per_current"] / c["shaft.inertia"]
     # current, angle, speed
     system = np.array(
         [
-            [-c["corner"], 0.0, -c["flux_per_angle"]],
+            [-c["motor.corner"], 0.0, -c["motor.flux_per_angle"]],
             [0.0, 0.0, 1.0],
             [pull, -spring, -drag],
         ]

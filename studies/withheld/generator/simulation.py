@@ -1,8 +1,8 @@
 """Simulate a rig: what its command goes through, how it moves, and what a sensor makes of it.
 
 All on one fine grid; delays and frames are whole numbers of its steps.  A command passes the
-stages of ``Command`` and drives the shaft; its angle passes those of ``Sensor``, each in the order
-in which a signal meets them; one that is 0 is absent.  ``Outside`` comes and goes by itself.
+stages of ``Command`` and drives the shaft; its angle passes those of ``Reading``, each in the order
+in which a signal meets them.  ``Outside`` comes and goes by itself.
 
 The states are those of ``Q`` to ``FAR_W``; what friction, winding and magnet remember is kept
 in ``memory`` and moves on at the end of a step.  All quantities in SI but the drive of a
@@ -17,62 +17,103 @@ order; M. Nordin, P.-O. Gutman, Automatica 38 (2002) 1633 (contacts of a mass in
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple, TypeVar, cast
+from typing import NamedTuple, cast
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from studies.withheld.generator.rigs import Rig
+from studies.rig.laws import Array, clip, code_of, coded, compiled, dead, duty
+from studies.withheld.generator.rigs import (
+    ANGLE_LOOP,
+    CURRENT,
+    FIRMWARE,
+    SPEED_LOOP,
+    VOLTAGE,
+    Rig,
+)
 
-F = TypeVar("F", bound=Callable[..., Any])
-Array = NDArray[np.float64]
+
+class Loop(NamedTuple):
+    """What makes a drive of the command: nothing, a loop about speed or angle, or a firmware."""
+
+    kind: float = CURRENT
+    gain: float = 0.0  # of speed: current per speed
+    rate: float = 0.0  # of speed: inverse of the integral time
+    largest_current: float = math.inf  # of speed
+    top_speed: float = 0.0  # of angle: speed of full drive
+    largest_error: float = math.inf  # of angle: that asks for full drive, before all else
+    error_dead_zone: float = 0.0  # of angle
+    full: float = 1.0  # of angle: largest drive, after all else
+    acceleration: float = math.inf  # of angle: largest of the shaft without a load
+    rest: float = 0.0  # of angle: feedback angle at which the output is 0
+    drive_per_load: float = 0.0  # of angle: 0 for a load that acts on the shaft
+    duty_per_angle: float = 0.0  # firmware
+    supply: float = 0.0  # firmware
+    tick: float = 0.0  # steps of the simulation from one drive to the next, 0 without a clock
 
 
-class Constants(NamedTuple):
-    """Constants of a rig and sizes of what acts on it; what is 0 is absent."""
+class Feedback(NamedTuple):
+    """What a loop reads of the output, or of the speed."""
 
-    servo: float = 0.0  # 1 a closed-loop servo, 2 one with firmware, 0 a motor
+    lag: float = 0.0
+    bow: float = 0.0
+    cubic: float = 0.0
+    full_scale: float = 1.0
+    offset: float = 0.0
+    step: float = 0.0
+
+
+class Drive(NamedTuple):
+    """What the drive, a voltage, current or share of the supply, goes through."""
+
+    asymmetry: float = 0.0
+    hysteresis: float = 0.0
+    turn: float = 1.0
+    dead_zone: float = 0.0
+    ceiling: float = math.inf
+    sag: float = 0.0  # resistance of the source; of the servo over its armature's
+    heating: float = 0.0
+    heating_time: float = 1.0
+    mode_share: float = 0.0
+    mode_frequency: float = 0.0
+    mode_damping: float = 0.0
+    kink_slope: float = 0.0
+    kink_angle: float = 0.0
+
+
+class Motor(NamedTuple):
+    """Winding and magnet."""
+
+    corner: float = 0.0  # resistance over inductance
+    resistance: float = 1.0
+    flux_per_angle: float = 0.0  # as a current
+    torque_per_current: float = 0.0
+    current_limit: float = math.inf
+    knee: float = 0.0  # inverse current of flux saturation
+    curvature: float = 0.0
+    inverse_torque: float = 0.0
+
+
+class Shaft(NamedTuple):
+    """What turns, on a spring or free."""
+
     inertia: float = 1.0
+    extra_inertia: float = 0.0
     natural_frequency: float = 1.0
     decay: float = 1.0  # of a free shaft's speed [1/s]: 2 zeta omega
-    top_speed: float = 0.0  # servo: speed of full drive
-    largest_error: float = 0.0  # servo: that asks for full drive, before all else
-    full: float = 1.0  # servo: largest drive, after all else
-    acceleration: float = 0.0  # servo: largest of the shaft without a load
-    rest: float = 0.0  # servo: feedback angle at which the output is 0
-    drive_per_load: float = 0.0  # servo: 0 for a load that acts on the shaft
-    tick: float = 0.0  # steps of the simulation from one drive of a loop to the next
-    duty_per_angle: float = 0.0
-    supply: float = 0.0
-    corner: float = 0.0  # motor: resistance over inductance
-    resistance: float = 1.0
-    flux_per_angle: float = 0.0  # motor: as a current
-    torque_per_current: float = 0.0
-    loop_limit: float = 0.0  # motor: largest current of its speed loop
-    loop_gain: float = 0.0  # current per speed
-    loop_rate: float = 0.0  # inverse of the integral time
-    travel: float = 0.0
+    null: float = 0.0
+    hardening: float = 0.0
+    travel: float = math.inf
     stop_frequency: float = 1.0  # of the shaft on its stop
-    contact_rate: float = 1.0  # stiffness of the play's contact over the drag of the output
-    bristle_stiffness: float = 1.0  # N m/rad
 
-    extra_inertia: float = 0.0
-    constant_load: float = 0.0
-    gravity: float = 0.0
-    gravity_phase: float = 0.0
-    cogging: float = 0.0
-    cogging_count: float = 0.0
-    cogging_phase: float = 0.0
-    drag: float = 0.0
-    coulomb: float = 0.0
-    load_friction: float = 0.0
-    stiction: float = 0.0
-    stribeck_speed: float = 1.0
-    load_inertia: float = 0.0
+
+class Gear(NamedTuple):
+    """What is between shaft and output."""
+
+    load_inertia: float = 0.0  # on a spring
     load_frequency: float = 0.0
     load_damping: float = 0.0
     coasting_share: float = 0.0  # of the inertia, behind a contact with play
@@ -80,37 +121,33 @@ class Constants(NamedTuple):
     contact_hertz: float = 0.0  # of the coasting mass on the contact
     contact_damping: float = 0.0
     play: float = 0.0
-    lag: float = 0.0
-    bow: float = 0.0
-    cubic: float = 0.0
-    full_scale: float = 1.0
-    feedback_offset: float = 0.0
-    feedback_step: float = 0.0
-    asymmetry: float = 0.0
-    error_dead_zone: float = 0.0
-    hysteresis: float = 0.0
-    turn: float = 1.0
-    dead_zone: float = 0.0
-    ceiling: float = 0.0
-    current_limit: float = 0.0
-    sag: float = 0.0  # resistance of the source; of the servo over its armature's
-    heating: float = 0.0
-    heating_time: float = 1.0
-    knee: float = 0.0  # inverse current of flux saturation
-    curvature: float = 0.0
-    inverse_torque: float = 0.0
-    null: float = 0.0
-    hardening: float = 0.0
+    contact_rate: float = 1.0  # stiffness of the play's contact over the drag of the output
 
+
+class Load(NamedTuple):
+    """Torques on shaft and output."""
+
+    constant: float = 0.0
+    gravity: float = 0.0
+    gravity_phase: float = 0.0
+    cogging: float = 0.0
+    cogging_count: float = 0.0
+    cogging_phase: float = 0.0
+    drag: float = 0.0
     quadratic_drag: float = 0.0
     forward_drag: float = 0.0
     bouc_torque: float = 0.0
     bouc_travel: float = 1.0
-    mode_share: float = 0.0
-    mode_frequency: float = 0.0
-    mode_damping: float = 0.0
-    kink_slope: float = 0.0
-    kink_angle: float = 0.0
+
+
+class Friction(NamedTuple):
+    """Dry friction of the shaft."""
+
+    coulomb: float = 0.0
+    per_load: float = 0.0
+    stiction: float = 0.0
+    stribeck_speed: float = 1.0
+    bristle_stiffness: float = 1.0  # N m/rad
 
 
 class Command(NamedTuple):
@@ -123,31 +160,36 @@ class Command(NamedTuple):
     hold: float = 0.0  # s
     dead_band: float = 0.0
     scale: float = 1.0  # drive per command
-    command_step: float = 0.0
-    command_gain: float = 0.0
-    command_offset: float = 0.0
-    command_asymmetry: float = 0.0
-    command_dead_zone: float = 0.0
-    command_ceiling: float = 0.0
-    slew: float = 0.0
-    cruise: float = 0.0
+    step: float = 0.0
+    gain: float = 0.0
+    offset: float = 0.0
+    asymmetry: float = 0.0
+    dead_zone: float = 0.0
+    ceiling: float = math.inf
+    slew: float = math.inf
+    cruise: float = math.inf
     speeding_time: float = 0.0
     stick_band: float = 0.0
     slip_jump: float = 0.0  # over the band
 
 
-class Sensor(NamedTuple):
-    """Stages of the judged reading, in SI, and units of two others."""
+class Reading(NamedTuple):
+    """Stages of the judged reading, in SI."""
 
-    reading_play: float = 0.0
-    reading_lag: float = 0.0
-    reading_bow: float = 0.0
-    reading_cubic: float = 0.0
-    reading_scale: float = 1.0
-    reading_gain: float = 0.0
-    reading_slew: float = 0.0
-    reading_offset: float = 0.0
-    reading_step: float = 0.0
+    play: float = 0.0
+    lag: float = 0.0
+    bow: float = 0.0
+    cubic: float = 0.0
+    full_scale: float = 1.0
+    gain: float = 0.0
+    slew: float = math.inf
+    offset: float = 0.0
+    step: float = 0.0
+
+
+class Log(NamedTuple):
+    """Units of the other readings."""
+
     drive_unit: float = 1.0  # what is logged over the drive
     feedback_unit: float = 1.0
 
@@ -167,21 +209,44 @@ class Outside(NamedTuple):
     load_gain: float = 0.0
 
 
-def compiled(function: F) -> F:
-    """Compile with numba, and keep what was compiled beside the file."""
-    return cast(F, njit(cache=True, error_model="numpy")(function))
+class Settings(NamedTuple):
+    """All that a simulation takes; a setting is called by both names, as in ``gear.play``.
+
+    A torque, a share, a time or a step of codes that a rig has not is 0, a limit infinite.
+    """
+
+    loop: Loop = Loop()
+    feedback: Feedback = Feedback()
+    drive: Drive = Drive()
+    motor: Motor = Motor()
+    shaft: Shaft = Shaft()
+    gear: Gear = Gear()
+    load: Load = Load()
+    friction: Friction = Friction()
+    command: Command = Command()
+    reading: Reading = Reading()
+    log: Log = Log()
+    outside: Outside = Outside()
 
 
-@compiled
-def clip(value: float, limit: float) -> float:
-    """A value inside +/- limit."""
-    return min(max(value, -limit), limit)
+RECORD = np.dtype(
+    [(group, [(name, float) for name in it._fields]) for group, it in Settings()._asdict().items()]
+)
 
 
-@compiled
-def coded(value: float, step: float) -> float:
-    """A value rounded to whole codes; no step leaves it."""
-    return value if step <= 0.0 else step * math.floor(value / step + 0.5)
+def settled(values: Mapping[str, float]) -> Settings:
+    """Settings by name in the form that is compiled fast, a record.
+
+    Raises:
+        KeyError: there is no such setting.
+    """
+    every = np.rec.array([Settings()], dtype=RECORD)
+    for name, value in values.items():
+        group, _, field = name.partition(".")
+        if field not in getattr(Settings(), group, Settings)._fields:
+            raise KeyError(f"no such setting: '{name}'")
+        every[group][field] = value
+    return cast(Settings, every[0])
 
 
 @compiled
@@ -198,15 +263,16 @@ def filtered(command: Array, time: float, h: float) -> Array:
 
 
 @compiled
-def travelled(command: Array, lost: Array, c: Command, h: float) -> Array:
+def travelled(command: Array, lost: Array, s: Settings, h: float) -> Array:
     """Return what of a command arrives at the drive.
 
     Args:
         command: shape (n,), begins at rest.
         lost: 1 where a command is not received, so that the one before stays, shape (n,).
-        c: stages.
+        s: of which it passes the stages of ``command``.
         h: step [s].
     """
+    c = s.command
     late, frame = round(c.delay / h), round(c.hold / h)
     command = filtered((1.0 + c.input_gain) * (command - c.zero), c.filter_time, h)
     received = kept = held = command[0]
@@ -225,30 +291,26 @@ def travelled(command: Array, lost: Array, c: Command, h: float) -> Array:
             if n % frame == 0:
                 held = out
             out = held
-        if c.dead_band > 0.0:
-            if abs(out - kept) > c.dead_band:
-                kept = out
-            out = kept
-        out = coded(out * c.scale, c.command_step)
-        out = (1.0 + c.command_gain) * out + c.command_offset
-        out += c.command_asymmetry * abs(out)
-        out -= clip(out, c.command_dead_zone)
-        if c.command_ceiling > 0.0:
-            out = clip(out, c.command_ceiling)
-        if c.slew > 0.0 and n > 0:
-            before = last
-            last += clip(out - last, c.slew * h)
-            arrived[n] = 0.5 * (before + last)
-        elif c.cruise > 0.0 and n > 0:
-            push = c.cruise / max(c.speeding_time, h)
-            stopping = math.sqrt(2.0 * push * abs(out - last))
-            wanted = math.copysign(min(c.cruise, stopping), out - last)
-            before, begun = last, speed
-            speed += clip(wanted - speed, push * h)
-            last += 0.5 * (begun + speed) * h
-            arrived[n] = 0.5 * (before + last)
-        else:
+        if abs(out - kept) > c.dead_band:
+            kept = out
+        out = coded(kept * c.scale, c.step)
+        out = (1.0 + c.gain) * out + c.offset
+        out += c.asymmetry * abs(out)
+        out = clip(dead(out, c.dead_zone), c.ceiling)
+        if min(c.slew, c.cruise) == math.inf or n == 0:
             arrived[n] = last = out
+        else:
+            before = last
+            if c.slew < math.inf:
+                last += clip(out - last, c.slew * h)
+            else:
+                push = c.cruise / max(c.speeding_time, h)
+                stopping = math.sqrt(2.0 * push * abs(out - last))
+                wanted = math.copysign(min(c.cruise, stopping), out - last)
+                begun = speed
+                speed += clip(wanted - speed, push * h)
+                last += 0.5 * (begun + speed) * h
+            arrived[n] = 0.5 * (before + last)
         if c.stick_band > 0.0:
             force += arrived[n] - driven
             driven = arrived[n]
@@ -261,26 +323,32 @@ def travelled(command: Array, lost: Array, c: Command, h: float) -> Array:
 
 
 @compiled
-def read(exact: Array, s: Sensor, h: float) -> Array:
+def bend(value: float, full_scale: float, bow: float, cubic: float) -> float:
+    """What a sensor adds to a value that is not on its straight line."""
+    ratio = value / full_scale
+    return value * ratio * (bow + cubic * ratio)
+
+
+@compiled
+def read(exact: Array, s: Settings, h: float) -> Array:
     """Return what a sensor makes of an exact value [SI], shape (n,), before noise."""
+    r = s.reading
     reading = np.empty_like(exact)
     output = lagged = slewed = before = 0.0
-    follow = -math.expm1(-h / max(s.reading_lag, h))
+    follow = -math.expm1(-h / max(r.lag, h))
     for n in range(len(exact)):
-        value = exact[n]
-        output += value - output - clip(value - output, s.reading_play)
-        if s.reading_lag > 0.0:
+        output += dead(exact[n] - output, r.play)
+        if r.lag > 0.0:
             lagged += follow * (0.5 * (before + output) - lagged)
         else:
             lagged = output
         before = output
-        ratio = lagged / s.reading_scale
-        value = (1.0 + s.reading_gain) * lagged
-        value += lagged * ratio * (s.reading_bow + s.reading_cubic * ratio)
-        if s.reading_slew > 0.0:
-            slewed += clip(value - slewed, s.reading_slew * h)
+        value = (1.0 + r.gain) * lagged
+        value += bend(lagged, r.full_scale, r.bow, r.cubic)
+        if r.slew < math.inf:
+            slewed += clip(value - slewed, r.slew * h)
             value = slewed
-        reading[n] = coded(value + s.reading_offset, s.reading_step)
+        reading[n] = coded(value + r.offset, r.step)
     return reading
 
 
@@ -297,32 +365,11 @@ SEEN = 4  # the first of these, which may be logged
 COMMAND, GAIN, STICKING, TORQUE = range(4)
 BRISTLE, FRICTION, WARMTH, LAST, MAGNET, HELD = range(6)
 MEMORY = 6
-FIRMWARE = 2.0
 DAHL = 1.25  # exponent of the hysteresis; with 1 it would be that of Coleman and Hodgdon
 LEAST_LEVEL = 1e-3  # of breakaway, so that a bristle always has some reach
 BRISTLE_DAMPING, STOP_DAMPING = 0.6, 5.0
 """Over stiffness and swing; a stop so damped gives back 3 % of the speed."""
 SPLITS, HALVINGS = 6, 12
-
-
-@compiled
-def bent(value: float, m: Array, r: Constants) -> float:
-    """Hysteresis variable, -1 to 1, at a value: turn dz/dv = (1 - z)^p where v grows.
-
-    Solved exactly from the value and the variable that were remembered.
-    """
-    way = math.copysign(1.0, value - m[LAST])
-    left: float = 1.0 - way * m[MAGNET]
-    if left > 0.0:
-        grown = (DAHL - 1.0) * abs(value - m[LAST]) / r.turn
-        left = math.pow(math.pow(left, 1.0 - DAHL) + grown, -1.0 / (DAHL - 1.0))
-    return way * (1.0 - left)
-
-
-@compiled
-def dead(value: float, half: float) -> float:
-    """What of a value is beyond +/- half."""
-    return value - min(max(value, -half), half)
 
 
 @compiled
@@ -332,307 +379,321 @@ def side(value: float, half: float) -> int:
 
 
 @compiled
-def resonant(value: float, x: Array, r: Constants, d: Array) -> float:
-    """A signal of which a share passes through a second-order resonance."""
-    if r.mode_share <= 0.0:
-        return value
-    own = r.mode_frequency
-    d[MODE] = x[MODE_RATE]
-    ahead: float = value - x[MODE]
-    d[MODE_RATE] = own * (own * ahead - 2.0 * r.mode_damping * x[MODE_RATE])
-    return value - r.mode_share * ahead
+def bent(value: float, m: Array, turn: float) -> float:
+    """Hysteresis variable, -1 to 1, at a value: turn dz/dv = (1 - z)^p where v grows.
+
+    Solved exactly from the value and the variable that were remembered.
+    """
+    way = math.copysign(1.0, value - m[LAST])
+    left: float = 1.0 - way * m[MAGNET]
+    if left > 0.0:
+        grown = (DAHL - 1.0) * abs(value - m[LAST]) / turn
+        left = math.pow(math.pow(left, 1.0 - DAHL) + grown, -1.0 / (DAHL - 1.0))
+    return way * (1.0 - left)
 
 
 @compiled
-def sensed(exact: float, x: Array, r: Constants, d: Array) -> int:
+def uneven(drive: float, m: Array, s: Settings, d: Array) -> float:
+    """A drive that is larger one way, behind its hysteresis."""
+    drive += s.drive.asymmetry * abs(drive)
+    d[BENT] = drive
+    if s.drive.hysteresis > 0.0:
+        drive -= s.drive.hysteresis * bent(drive, m, s.drive.turn)
+    return drive
+
+
+@compiled
+def resonant(value: float, x: Array, s: Settings, d: Array) -> float:
+    """A signal of which a share passes through a second-order resonance."""
+    if s.drive.mode_share <= 0.0:
+        return value
+    own = s.drive.mode_frequency
+    d[MODE] = x[MODE_RATE]
+    ahead: float = value - x[MODE]
+    d[MODE_RATE] = own * (own * ahead - 2.0 * s.drive.mode_damping * x[MODE_RATE])
+    return value - s.drive.mode_share * ahead
+
+
+@compiled
+def warm(m: Array, s: Settings) -> float:
+    """What heat leaves of a drive."""
+    left: float = 1.0 - s.drive.heating * m[WARMTH]
+    return left
+
+
+@compiled
+def kinked(angle: float, s: Settings) -> float:
+    """Gain of the drive, which changes its slope at an angle."""
+    return 1.0 + s.drive.kink_slope * max(0.0, angle - s.drive.kink_angle)
+
+
+@compiled
+def sensed(exact: float, x: Array, s: Settings, d: Array) -> int:
     """Write what a loop reads of an angle or speed to d[FEEDBACK]; returns its code."""
+    f = s.feedback
     seen = exact
-    if r.lag > 0.0:
-        d[ELECTRIC] = (exact - x[ELECTRIC]) / r.lag
+    if f.lag > 0.0:
+        d[ELECTRIC] = (exact - x[ELECTRIC]) / f.lag
         seen = x[ELECTRIC]
-    seen += r.rest
-    ratio = seen / r.full_scale
-    seen += seen * ratio * (r.bow + r.cubic * ratio) + r.feedback_offset
+    seen += s.loop.rest
+    seen += bend(seen, f.full_scale, f.bow, f.cubic) + f.offset
     code = 0
-    if r.feedback_step > 0.0:
-        code = math.floor(seen / r.feedback_step + 0.5)
-        seen = code * r.feedback_step
+    if f.step > 0.0:
+        code = code_of(seen, f.step)
+        seen = code * f.step
     d[FEEDBACK] = seen
     return code
 
 
 @compiled
-def firmware_torque(
-    x: Array, m: Array, r: Constants, command: float, gain: float, load: float, d: Array
-) -> int:
+def firmware_torque(x: Array, m: Array, s: Settings, acts: Array, load: float, d: Array) -> int:
     """Add the torque of a motor under the duty of its firmware to d[W]; returns its regime."""
-    sensed(d[ANGLE], x, r, d)
-    duty = r.duty_per_angle * (command - d[FEEDBACK])
-    d[ASKED] = clip(duty, r.ceiling if r.ceiling > 0.0 else 1.0)
+    sensed(d[ANGLE], x, s, d)
+    most = min(s.drive.ceiling, 1.0)
+    d[ASKED] = duty(acts[COMMAND], d[FEEDBACK], s.loop.duty_per_angle, most)
     d[DRIVE] = m[HELD]
-    voltage = m[HELD] * r.supply
-    voltage += r.asymmetry * abs(voltage)
-    voltage = gain * resonant(dead(voltage, r.dead_zone), x, r, d)
-    d[HEAT] = voltage / r.supply
-    voltage *= 1.0 - r.heating * m[WARMTH]
-    current = (voltage - r.torque_per_current * x[W]) / r.resistance
-    regime = 0
-    if r.current_limit > 0.0:
-        regime = 10 * side(current, r.current_limit)
-        current = clip(current, r.current_limit)
-    kink = 1.0 + r.kink_slope * max(0.0, d[ANGLE] - r.kink_angle)
-    d[W] += r.torque_per_current * current * kink - load
+    voltage = m[HELD] * s.loop.supply
+    voltage += s.drive.asymmetry * abs(voltage)
+    voltage = acts[GAIN] * resonant(dead(voltage, s.drive.dead_zone), x, s, d)
+    d[HEAT] = voltage / s.loop.supply
+    voltage *= warm(m, s)
+    current = (voltage - s.motor.torque_per_current * x[W]) / s.motor.resistance
+    regime = 10 * side(current, s.motor.current_limit)
+    current = clip(current, s.motor.current_limit)
+    d[W] += s.motor.torque_per_current * current * kinked(d[ANGLE], s) - load
     return regime
 
 
 @compiled
-def servo_torque(
-    x: Array, m: Array, r: Constants, command: float, gain: float, load: float, d: Array
-) -> int:
+def servo_torque(x: Array, m: Array, s: Settings, acts: Array, load: float, d: Array) -> int:
     """Add the motor's torque of a loop about the output to d[W]; returns its regime."""
-    output = d[ANGLE]
-    regime = 1000 * sensed(output, x, r, d)
-    seen = d[FEEDBACK]
-    error = dead(command - seen, r.error_dead_zone)
-    if r.largest_error > 0.0:
-        regime += 90 * side(error, r.largest_error)
-        error = clip(error, r.largest_error)
-    drive = error * r.natural_frequency**2 / (r.decay * r.top_speed)
-    drive += r.asymmetry * abs(drive)
-    d[BENT] = drive
-    if r.hysteresis > 0.0:
-        drive -= r.hysteresis * bent(drive, m, r)
-    if r.dead_zone > 0.0:
-        regime += 100 * side(drive, r.dead_zone)
-        drive = dead(drive, r.dead_zone)
-    if r.ceiling > 0.0:
-        regime += 30 * side(drive, r.ceiling)
-        drive = min(max(drive, -r.ceiling), r.ceiling)
-    drive = gain * resonant(drive, x, r, d)
-    opposing = math.copysign(x[W], x[W] * drive) / r.top_speed
-    full = r.full - r.sag / (1.0 + r.sag) * max(0.0, 1.0 - opposing)
+    top = s.loop.top_speed
+    regime = 1000 * sensed(d[ANGLE], x, s, d)
+    error = dead(acts[COMMAND] - d[FEEDBACK], s.loop.error_dead_zone)
+    regime += 90 * side(error, s.loop.largest_error)
+    error = clip(error, s.loop.largest_error)
+    drive = error * s.shaft.natural_frequency**2 / (s.shaft.decay * top)
+    drive = uneven(drive, m, s, d)
+    if s.drive.dead_zone > 0.0:
+        regime += 100 * side(drive, s.drive.dead_zone)
+        drive = dead(drive, s.drive.dead_zone)
+    regime += 30 * side(drive, s.drive.ceiling)
+    drive = acts[GAIN] * resonant(clip(drive, s.drive.ceiling), x, s, d)
+    opposing = math.copysign(x[W], x[W] * drive) / top
+    full = s.loop.full - s.drive.sag / (1.0 + s.drive.sag) * max(0.0, 1.0 - opposing)
     regime += 10 * side(drive, full)
-    drive = min(max(drive, -full), full)
+    drive = clip(drive, full)
     d[DRIVE] = drive
-    used = drive - r.drive_per_load * load
+    used = drive - s.loop.drive_per_load * load
     d[HEAT] = used
-    used *= 1.0 - r.heating * m[WARMTH]
-    kink = 1.0 + r.kink_slope * max(0.0, output - r.kink_angle)
-    push = r.decay * (r.top_speed * used * kink - x[W])
-    if r.acceleration > 0.0:
-        regime += 270 * side(push, r.acceleration)
-        push = clip(push, r.acceleration)
-    d[W] += r.inertia * push
-    if r.drive_per_load == 0.0:
+    used *= warm(m, s)
+    push = s.shaft.decay * (top * used * kinked(d[ANGLE], s) - x[W])
+    regime += 270 * side(push, s.loop.acceleration)
+    d[W] += s.shaft.inertia * clip(push, s.loop.acceleration)
+    if s.loop.drive_per_load == 0.0:
         d[W] -= load
     return regime
 
 
 @compiled
-def wound(x: Array, r: Constants, voltage: float, gain: float, d: Array) -> float:
+def wound(x: Array, s: Settings, voltage: float, gain: float, d: Array) -> float:
     """Current of a coil whose flux linkage is a state."""
-    linked = (x[ELECTRIC] - r.flux_per_angle * x[Q]) / (1.0 + r.curvature * x[Q] * x[Q])
-    current: float = linked
-    if r.knee > 0.0:
-        current = math.tan(min(max(r.knee * linked, -1.5), 1.5)) / r.knee
-    applied = gain * resonant(voltage, x, r, d) - r.sag * current
-    d[ELECTRIC] = r.corner * (applied / r.resistance - current)
+    linked = x[ELECTRIC] - s.motor.flux_per_angle * x[Q]
+    current: float = linked / (1.0 + s.motor.curvature * x[Q] * x[Q])
+    if s.motor.knee > 0.0:
+        current = math.tan(clip(s.motor.knee * current, 1.5)) / s.motor.knee
+    applied = gain * resonant(voltage, x, s, d) - s.drive.sag * current
+    d[ELECTRIC] = s.motor.corner * (applied / s.motor.resistance - current)
     return current
 
 
 @compiled
-def regulated(
-    x: Array, m: Array, r: Constants, command: float, gain: float, d: Array
-) -> tuple[float, int]:
+def regulated(x: Array, m: Array, s: Settings, acts: Array, d: Array) -> tuple[float, int]:
     """Current that a PI loop about the speed gives, and its regime.
 
     At its limit the integral part follows what is given, so that it never winds up.
     """
-    regime = 1000 * sensed(x[W], x, r, d)
-    wanted = r.loop_gain * (command - d[FEEDBACK]) + x[INTEGRAL]
-    regime += 90 * side(wanted, r.loop_limit)
-    d[ASKED] = clip(wanted, r.loop_limit)
-    d[INTEGRAL] = r.loop_rate * (d[ASKED] - x[INTEGRAL])
-    current = m[HELD] if r.tick > 0.0 else d[ASKED]
-    regime += 30 * side(current, r.dead_zone)
-    return gain * resonant(dead(current, r.dead_zone), x, r, d), regime
+    regime = 1000 * sensed(x[W], x, s, d)
+    wanted = s.loop.gain * (acts[COMMAND] - d[FEEDBACK]) + x[INTEGRAL]
+    regime += 90 * side(wanted, s.loop.largest_current)
+    d[ASKED] = clip(wanted, s.loop.largest_current)
+    d[INTEGRAL] = s.loop.rate * (d[ASKED] - x[INTEGRAL])
+    current = m[HELD] if s.loop.tick > 0.0 else d[ASKED]
+    regime += 30 * side(current, s.drive.dead_zone)
+    return acts[GAIN] * resonant(dead(current, s.drive.dead_zone), x, s, d), regime
 
 
 @compiled
-def motor_torque(
-    x: Array, m: Array, r: Constants, command: float, gain: float, load: float, d: Array
-) -> int:
+def motor_torque(x: Array, m: Array, s: Settings, acts: Array, load: float, d: Array) -> int:
     """Add the torque of a current to d[W], from a speed loop, a voltage or as it is; returns its
     regime."""
     regime = 0
-    if r.loop_limit > 0.0:
-        current, regime = regulated(x, m, r, command, gain, d)
+    d[FEEDBACK] = x[Q]
+    if s.loop.kind == SPEED_LOOP:
+        current, regime = regulated(x, m, s, acts, d)
+    elif s.loop.kind == VOLTAGE:
+        current = wound(x, s, acts[COMMAND], acts[GAIN], d)
     else:
-        d[FEEDBACK] = x[Q]
-        if r.corner > 0.0:
-            current = wound(x, r, command, gain, d)
-        else:
-            current = gain * resonant(command, x, r, d)
-    current += r.asymmetry * abs(current)
-    d[DRIVE] = current
-    d[BENT] = current
-    if r.hysteresis > 0.0:
-        current -= r.hysteresis * bent(current, m, r)
-    pull = r.torque_per_current * current
-    if r.inverse_torque > 0.0:
-        pull /= math.sqrt(1.0 + (r.inverse_torque * pull) ** 2)
+        current = acts[GAIN] * resonant(acts[COMMAND], x, s, d)
+    current = uneven(current, m, s, d)
+    d[DRIVE] = d[BENT]
+    pull = s.motor.torque_per_current * current
+    if s.motor.inverse_torque > 0.0:
+        pull /= math.sqrt(1.0 + (s.motor.inverse_torque * pull) ** 2)
     d[HEAT] = pull
-    pull *= 1.0 - r.heating * m[WARMTH]
-    pull *= 1.0 + r.kink_slope * max(0.0, x[Q] - r.kink_angle)
-    away = x[Q] - r.null
-    spring = r.natural_frequency**2 * away * (1.0 + r.hardening * away * away)
-    d[W] += pull - r.inertia * (spring + r.decay * x[W]) - load
+    pull *= warm(m, s)
+    pull *= kinked(x[Q], s)
+    away = x[Q] - s.shaft.null
+    spring = s.shaft.natural_frequency**2 * away * (1.0 + s.shaft.hardening * away * away)
+    d[W] += pull - s.shaft.inertia * (spring + s.shaft.decay * x[W]) - load
     return regime
 
 
 @compiled
-def pushed(x: Array, r: Constants, load: float, d: Array) -> tuple[float, int]:
-    """Torque on a mass that coasts through its play, and its regime; the load acts on that mass.
-
-    The contact is a spring and a damper on either side that push it and never pull.
-    """
-    near, near_rate = (x[LOAD_Q], x[LOAD_W]) if r.load_inertia > 0.0 else (x[Q], x[W])
-    mass = r.coasting_share * (r.inertia + r.extra_inertia)
-    own = 2.0 * math.pi * r.contact_hertz
-    pressed = dead(near - x[FAR_Q], r.coasting_play)
-    push = own * (own * pressed + 2.0 * r.contact_damping * (near_rate - x[FAR_W]))
-    regime = side(near - x[FAR_Q], r.coasting_play)
-    if push * pressed <= 0.0:
-        push, regime = 0.0, 1
-    d[FAR_Q] = x[FAR_W]
-    d[FAR_W] = push - load / mass
-    return mass * push, regime
+def pressing(beyond: float, rate: float, own: float, damping: float, weight: float) -> float:
+    """Push of a contact that is a spring and a damper and never pulls, over ``weight``."""
+    push = weight * (own * beyond + damping * rate)
+    return push if push * beyond > 0.0 else 0.0
 
 
 @compiled
-def placed(x: Array, r: Constants, d: Array) -> int:
+def pushed(x: Array, s: Settings, load: float, d: Array) -> tuple[float, int]:
+    """Torque on a mass that coasts through its play, and its regime; the load acts on that mass."""
+    g = s.gear
+    near, near_rate = (x[LOAD_Q], x[LOAD_W]) if g.load_inertia > 0.0 else (x[Q], x[W])
+    mass = g.coasting_share * (s.shaft.inertia + s.shaft.extra_inertia)
+    own = 2.0 * math.pi * g.contact_hertz
+    apart = near - x[FAR_Q]
+    beyond = dead(apart, g.coasting_play)
+    push = pressing(beyond, near_rate - x[FAR_W], own, 2.0 * g.contact_damping, own)
+    d[FAR_Q] = x[FAR_W]
+    d[FAR_W] = push - load / mass
+    return mass * push, side(apart, g.coasting_play) if push != 0.0 else 1
+
+
+@compiled
+def placed(x: Array, s: Settings, d: Array) -> int:
     """Write angle and rate of the output to d; returns the regime of its play."""
+    g = s.gear
     regime = 0
     output, d[RATE] = x[Q], x[W]
-    if r.load_inertia > 0.0:
+    if g.load_inertia > 0.0:
         output, d[RATE] = x[LOAD_Q], x[LOAD_W]
-    if r.coasting_share > 0.0:
+    if g.coasting_share > 0.0:
         output, d[RATE] = x[FAR_Q], x[FAR_W]
-    if r.play > 0.0:
-        regime = side(output - x[PLAY], r.play)
-        d[PLAY] = r.contact_rate * dead(output - x[PLAY], r.play)
+    if g.play > 0.0:
+        regime = side(output - x[PLAY], g.play)
+        d[PLAY] = g.contact_rate * dead(output - x[PLAY], g.play)
         output, d[RATE] = x[PLAY], d[PLAY]
     d[ANGLE] = output
     return regime
 
 
 @compiled
-def rates(x: Array, m: Array, r: Constants, acts: Array, d: Array) -> int:
+def rates(x: Array, m: Array, s: Settings, acts: Array, d: Array) -> int:
     """Rates of the states and what is seen of them into d, shape (WIDTH,).
 
     ``acts``: command, factor on the drive, level of sticking [N m], load torque [N m].
     Returns a number that changes where the right hand side has a corner.
     """
+    t, g = s.load, s.gear
     for i in range(STATES):
         d[i] = 0.0
     d[Q] = x[W]
-    regime = placed(x, r, d)
-    load = r.constant_load + acts[TORQUE]
-    if r.gravity != 0.0:
-        load += r.gravity * math.sin(d[ANGLE] + r.gravity_phase)
-    if r.coasting_share > 0.0:
-        load, contact = pushed(x, r, load, d)
+    regime = placed(x, s, d)
+    load = t.constant + acts[TORQUE]
+    if t.gravity != 0.0:
+        load += t.gravity * math.sin(d[ANGLE] + t.gravity_phase)
+    if g.coasting_share > 0.0:
+        load, contact = pushed(x, s, load, d)
         regime += 9 * contact
-    if r.load_inertia > 0.0:
-        own = r.load_frequency
-        twist = own * (x[Q] - x[LOAD_Q]) + 2.0 * r.load_damping * (x[W] - x[LOAD_W])
+    if g.load_inertia > 0.0:
+        own = g.load_frequency
+        twist = own * (x[Q] - x[LOAD_Q]) + 2.0 * g.load_damping * (x[W] - x[LOAD_W])
         d[LOAD_Q] = x[LOAD_W]
-        d[LOAD_W] = own * twist - load / r.load_inertia
-        load = r.load_inertia * own * twist
+        d[LOAD_W] = own * twist - load / g.load_inertia
+        load = g.load_inertia * own * twist
     d[PRESS] = abs(load)
-    load += x[W] * (r.drag + r.quadratic_drag * abs(x[W]))
-    if x[W] > 0.0:
-        load += r.forward_drag * x[W]
-    if r.cogging > 0.0:
-        load += r.cogging * math.sin(r.cogging_count * x[Q] + r.cogging_phase)
-    if r.bouc_torque > 0.0:
+    load += x[W] * (t.drag + t.quadratic_drag * abs(x[W]))
+    load += t.forward_drag * max(x[W], 0.0)
+    if t.cogging > 0.0:
+        load += t.cogging * math.sin(t.cogging_count * x[Q] + t.cogging_phase)
+    if t.bouc_torque > 0.0:
         z = x[BOUC]
-        d[BOUC] = (x[W] - z * (0.8 * abs(x[W] * z) + 0.2 * x[W] * z)) / r.bouc_travel
-        load += r.bouc_torque * z
-    if r.servo == FIRMWARE:
-        regime += firmware_torque(x, m, r, acts[COMMAND], acts[GAIN], load, d)
-    elif r.servo > 0.0:
-        regime += servo_torque(x, m, r, acts[COMMAND], acts[GAIN], load, d)
+        d[BOUC] = (x[W] - z * (0.8 * abs(x[W] * z) + 0.2 * x[W] * z)) / t.bouc_travel
+        load += t.bouc_torque * z
+    if s.loop.kind == FIRMWARE:
+        regime += firmware_torque(x, m, s, acts, load, d)
+    elif s.loop.kind == ANGLE_LOOP:
+        regime += servo_torque(x, m, s, acts, load, d)
     else:
-        regime += motor_torque(x, m, r, acts[COMMAND], acts[GAIN], load, d)
-    total = (1.0 - r.coasting_share) * (r.inertia + r.extra_inertia)
+        regime += motor_torque(x, m, s, acts, load, d)
+    total = (1.0 - g.coasting_share) * (s.shaft.inertia + s.shaft.extra_inertia)
     d[W] -= m[FRICTION]
-    if r.travel > 0.0:
-        beyond = dead(x[Q], r.travel)
-        regime += 3 * side(x[Q], r.travel)
-        push = total * r.stop_frequency * (r.stop_frequency * beyond + STOP_DAMPING * x[W])
-        if push * beyond > 0.0:
-            d[W] -= push
+    regime += 3 * side(x[Q], s.shaft.travel)
+    beyond, own = dead(x[Q], s.shaft.travel), s.shaft.stop_frequency
+    d[W] -= pressing(beyond, x[W], own, STOP_DAMPING, total * own)
     d[W] /= total
     return regime
 
 
 @compiled
-def bristles(m: Array, r: Constants, speed: float, press: float, sticking: float, h: float) -> None:
+def bristles(m: Array, s: Settings, speed: float, press: float, sticking: float, h: float) -> None:
     """Bend the bristle for a step h at this speed; its force counts from the next step on.
 
     The bristle's equation z' = v - |v| z / reach(v) is solved exactly for a constant speed, so
     it may be as stiff as it likes.  Its damping fades with the speed, or a fast reversal would
     meet more of it than of friction (H. Olsson et al., European J. Control 4 (1998) 176).
     """
-    sliding = r.coulomb + r.load_friction * press + sticking
-    breakaway = sliding + r.stiction
+    f = s.friction
+    sliding = f.coulomb + f.per_load * press + sticking
+    breakaway = sliding + f.stiction
     m[FRICTION] = 0.0
     if breakaway <= 0.0:
         m[BRISTLE] = 0.0
         return
-    level = sliding + r.stiction * math.exp(-((speed / r.stribeck_speed) ** 2))
-    reach = max(level, LEAST_LEVEL * breakaway) / r.bristle_stiffness
+    level = sliding + f.stiction * math.exp(-((speed / f.stribeck_speed) ** 2))
+    reach = max(level, LEAST_LEVEL * breakaway) / f.bristle_stiffness
     before = m[BRISTLE]
     end = math.copysign(reach, speed)
     m[BRISTLE] = end + (before - end) * math.exp(-abs(speed) * h / reach)
-    swing = math.sqrt(r.bristle_stiffness / (r.inertia + r.extra_inertia))
-    fading = math.exp(-((speed * r.bristle_stiffness / (swing * breakaway)) ** 2))
+    swing = math.sqrt(f.bristle_stiffness / (s.shaft.inertia + s.shaft.extra_inertia))
+    fading = math.exp(-((speed * f.bristle_stiffness / (swing * breakaway)) ** 2))
     bending = (m[BRISTLE] - before) / h
-    m[FRICTION] = r.bristle_stiffness * (m[BRISTLE] + BRISTLE_DAMPING * fading / swing * bending)
+    m[FRICTION] = f.bristle_stiffness * (m[BRISTLE] + BRISTLE_DAMPING * fading / swing * bending)
 
 
 @compiled
-def remember(m: Array, r: Constants, d: Array, speed: float, sticking: float, h: float) -> None:
+def remember(m: Array, s: Settings, d: Array, speed: float, sticking: float, h: float) -> None:
     """Move friction, warmth and hysteresis on by a step h that ended with rates d."""
-    bristles(m, r, speed, d[PRESS], sticking, h)
-    m[WARMTH] += h / r.heating_time * (d[HEAT] ** 2 - m[WARMTH])
-    if r.hysteresis > 0.0:
-        m[MAGNET] = bent(d[BENT], m, r)
+    bristles(m, s, speed, d[PRESS], sticking, h)
+    m[WARMTH] += h / s.drive.heating_time * (d[HEAT] ** 2 - m[WARMTH])
+    if s.drive.hysteresis > 0.0:
+        m[MAGNET] = bent(d[BENT], m, s.drive.turn)
         m[LAST] = d[BENT]
 
 
 @compiled
 def heun(
-    x: Array, m: Array, r: Constants, acts: Array, h: float, d: Array, k: Array, y: Array
+    x: Array, m: Array, s: Settings, acts: Array, h: float, d: Array, k: Array, y: Array
 ) -> None:
     """One step of Heun's third order from x, whose rates are d, to y; k is working space."""
     for i in range(STATES):
         y[i] = x[i] + h / 3.0 * d[i]
-    rates(y, m, r, acts, k)
+    rates(y, m, s, acts, k)
     for i in range(STATES):
         y[i] = x[i] + 2.0 * h / 3.0 * k[i]
-    rates(y, m, r, acts, k)
+    rates(y, m, s, acts, k)
     for i in range(STATES):
         y[i] = x[i] + 0.25 * h * (d[i] + 3.0 * k[i])
 
 
 @compiled
-def run(r: Constants, acts: Array, h: float, seen: Array) -> None:
+def run(s: Settings, acts: Array, h: float, seen: Array) -> None:
     """Simulate from the state of rest.
 
     Args:
-        r: the constants of the rig.
+        s: of the rig and of what acts on it.
         acts: shape (n, 4), see ``rates``; each row is held for the step h [s] that follows.
         seen: written: angle, drive or current, feedback, and rate before each step and before what
             acts in it, shape (n, 4).
@@ -640,48 +701,44 @@ def run(r: Constants, acts: Array, h: float, seen: Array) -> None:
     x, y = np.zeros(STATES), np.zeros(STATES)
     d, k = np.zeros(WIDTH), np.zeros(WIDTH)
     m = np.zeros(MEMORY)
-    rates(x, m, r, acts[0], d)
+    rates(x, m, s, acts[0], d)
     for n in range(len(acts)):
         for i in range(SEEN):
             seen[n, i] = d[ANGLE + i]
-        here = rates(x, m, r, acts[n], d)
-        if r.tick > 0.0 and n % r.tick == 0:
+        here = rates(x, m, s, acts[n], d)
+        if s.loop.tick > 0.0 and n % s.loop.tick == 0:
             m[HELD] = d[ASKED]
-            here = rates(x, m, r, acts[n], d)
+            here = rates(x, m, s, acts[n], d)
         left = h
         for split in range(SPLITS):
-            heun(x, m, r, acts[n], left, d, k, y)
-            there = rates(y, m, r, acts[n], k)
+            heun(x, m, s, acts[n], left, d, k, y)
+            there = rates(y, m, s, acts[n], k)
             part = left
             if there != here and split < SPLITS - 1:
-                part = crossing(x, m, r, acts[n], left, d, k, y, here)
-                there = rates(y, m, r, acts[n], k)
+                part = crossing(x, m, s, acts[n], left, d, k, y, here)
+                there = rates(y, m, s, acts[n], k)
             x, y, d, k, here = y, x, k, d, there
             left -= part
             if left <= 0.0:
                 break
-        remember(m, r, d, x[W], acts[n, STICKING], h)
+        remember(m, s, d, x[W], acts[n, STICKING], h)
 
 
 @compiled
 def crossing(
-    x: Array, m: Array, r: Constants, acts: Array, h: float, d: Array, k: Array, y: Array, here: int
+    x: Array, m: Array, s: Settings, acts: Array, h: float, d: Array, k: Array, y: Array, here: int
 ) -> float:
     """Length of the step to y just past the corner that lies within h, by bisection."""
     low, high = 0.0, h
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
-        heun(x, m, r, acts, middle, d, k, y)
-        if rates(y, m, r, acts, k) == here:
+        heun(x, m, s, acts, middle, d, k, y)
+        if rates(y, m, s, acts, k) == here:
             low = middle
         else:
             high = middle
-    heun(x, m, r, acts, high, d, k, y)
+    heun(x, m, s, acts, high, d, k, y)
     return high
-
-
-STAGES = (Constants, Command, Sensor, Outside)
-RECORD = np.dtype([(name, float) for name in Constants._fields])
 
 
 @dataclass(frozen=True)
@@ -752,10 +809,7 @@ class Experiment:
 
     def logs(self, settings: Mapping[str, float]) -> tuple[Array, ...]:
         """Return noise-free logs [SI], one of shape (logged rows, readings) per plan."""
-        every = {**self.rig.constants(self.true), **settings}
-        unknown = set(every) - {name for stage in STAGES for name in stage._fields}
-        if unknown:
-            raise KeyError(f"no such settings: {sorted(unknown)}")
+        every = settled({**self.rig.constants(self.true), **settings})
         return tuple(self._log(plan, every, i) for i, plan in enumerate(self.plans))
 
     def gap(self, logs: Sequence[Array]) -> float:
@@ -768,39 +822,30 @@ class Experiment:
         """Range of every reading without any cause [SI], shape (readings,)."""
         return np.asarray(np.ptp(np.concatenate(self.plain), axis=0))
 
-    def _log(self, plan: Plan, settings: Mapping[str, float], number: int) -> Array:
+    def _log(self, plan: Plan, s: Settings, number: int) -> Array:
         step = self.rig.step
         before = round(self.rig.settle / step)
         command = plan.held(plan.command, before)
         outside, lost = disturbed(
-            settings, len(command), step, self.rig.slowest, self.seed + number
+            s.outside, len(command), step, self.rig.slowest, self.seed + number
         )
-        scale = 1.0 + settings.get("load_gain", 0.0)
+        scale = 1.0 + s.outside.load_gain
         outside[:, TORQUE - GAIN] += scale * self.load * plan.held(plan.shares, before)
         seen = np.empty((len(command), SEEN))
-        drive = travelled(command, lost, _some(Command, settings), step)
-        constants: Any = np.rec.array([tuple(_some(Constants, settings))], dtype=RECORD)[0]
-        run(constants, np.column_stack([drive, outside]), step, seen)
-        sensor = _some(Sensor, settings)
+        drive = travelled(command, lost, s, step)
+        run(s, np.column_stack([drive, outside]), step, seen)
         judged = self.readings[0]
-        seen[:, judged] = read(seen[:, judged].copy(), sensor, step)
-        seen[:, DRIVE - ANGLE] *= sensor.drive_unit
-        seen[:, FEEDBACK - ANGLE] *= sensor.feedback_unit
+        seen[:, judged] = read(seen[:, judged].copy(), s, step)
+        seen[:, DRIVE - ANGLE] *= s.log.drive_unit
+        seen[:, FEEDBACK - ANGLE] *= s.log.feedback_unit
         return seen[before :: plan.stride][plan.logged][:, self.readings]
 
 
-def _some(stage: Any, settings: Mapping[str, float]) -> Any:
-    """The settings of one stage."""
-    return stage(**{name: settings[name] for name in stage._fields if name in settings})
-
-
-def disturbed(
-    settings: Mapping[str, float], count: int, step: float, slow: float, seed: int
-) -> tuple[Array, Array]:
+def disturbed(o: Outside, count: int, step: float, slow: float, seed: int) -> tuple[Array, Array]:
     """Return what comes and goes during a log.
 
     Args:
-        settings: sizes by name, see ``Outside``.
+        o: sizes.
         count, step: of the simulation's grid [s].
         slow: slowest time constant [s].
         seed: the same one gives the same instants for every size.
@@ -809,7 +854,6 @@ def disturbed(
         factor on the drive, sticking [N m] and torque [N m], shape (count, 3); and 1 where a
         command is lost, shape (count,).
     """
-    o = Outside(**{key: settings[key] for key in Outside._fields if key in settings})
     outside, lost = np.zeros((count, 3)), np.zeros(count)
     outside[:, 0] = 1.0
     rng = np.random.default_rng(seed)
