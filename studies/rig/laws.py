@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 F = TypeVar("F", bound=Callable[..., Any])
 Array = NDArray[np.float64]
 
-ENCODER_CODE = 2.0 * math.pi / 4096.0  # angle [rad] of a code of a 12 bit encoder
+CODE = 2.0 * math.pi / 4096.0  # angle [rad] of a code of a 12 bit encoder
 
 
 def compiled(function: F) -> F:
@@ -47,6 +47,15 @@ def code_of(value: float, step: float, noise: float = 0.0) -> int:
 def coded(value: float, step: float) -> float:
     """A value rounded to whole codes; a step of 0 leaves it."""
     return value if step <= 0.0 else step * code_of(value, step)
+
+
+@compiled
+def pressed(
+    beyond: float, rate: float, stiffness: float, damping: float, scale: float = 1.0
+) -> float:
+    """Force of a contact, a spring and a damper in parallel that push and never pull."""
+    push = scale * (stiffness * beyond + damping * rate)
+    return push if push * beyond > 0.0 else 0.0
 
 
 @compiled

@@ -12,11 +12,11 @@ from typing import Any
 
 from servo_models.diagnosis.verdict import NO_GAP, OUTSIDE, PARAMETERS
 from servo_models.report.result import Report
-from servo_models.report.sections import Cell, Mark, Section, Table
+from servo_models.report.sections import Section, Table
 from studies.second_plant.judge import Observed, sets_of
 from studies.withheld.oracle import FAILED, Diagnosed
 from studies.withheld.score import NOTHING, Statistic, mean, share
-from studies.withheld.sections import AT_LEAST, AT_MOST, Bar, met, quantity
+from studies.withheld.sections import AT_LEAST, AT_MOST, COLUMNS, Bar, figure_rows, quantity
 
 PLAY = frozenset({"backlash", "coasting_backlash"})
 UNCLAIMED = (OUTSIDE, FAILED)  # verdicts beside which effects that are named are no claim
@@ -196,29 +196,17 @@ BARS: dict[str, Bar] = {
 
 def report(title: str, cases: Cases) -> Report:
     """Return the figures, what each cause was taken for, and every rig that went wrong."""
-    figures = tuple(_figure(define, cases) for define in FIGURES if define(cases).n)
+    figures = tuple(figure_rows(FIGURES, BARS, cases, wanted=1))
     return Report(
         title,
         f"{len(cases)} rigs",
         sections=(
-            Section(
-                "Figures",
-                tables=(Table("", ("figure", "value (95 %)", "cases", "bar", ""), figures),),
-            ),
+            Section("Figures", tables=(Table("", COLUMNS, figures),)),
             Section("Play", tables=(_play(cases),)),
             Section("What causes were taken for", tables=(_taken_for(cases),)),
             Section("Rigs that went wrong", tables=(_wrong(cases),)),
         ),
     )
-
-
-def _figure(define: Callable[[Cases], Statistic], cases: Cases) -> tuple[Cell, ...]:
-    figure, bar = define(cases), BARS.get(define.__name__)
-    beside: tuple[Cell, Cell] = ("", "")
-    if bar:
-        good = met(figure, bar)
-        beside = (f"{bar[0]} {bar[1]:g}", Mark("met" if good else "missed", good))
-    return (define.__name__, quantity(figure), figure.n, *beside)
 
 
 def _play(cases: Cases) -> Table:

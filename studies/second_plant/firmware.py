@@ -15,9 +15,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-
-CODE = 2.0 * math.pi / 4096.0  # angle [rad] of a code of a 12 bit encoder
+from studies.rig.laws import CODE, Array, clip, code_of, duty
 
 
 class Plant(Protocol):
@@ -72,7 +70,7 @@ class Profile:
             self._ramp(left)
         else:
             reach = self.firmware.speed * self.firmware.tick
-            self.angle += min(max(left, -reach), reach)
+            self.angle += clip(left, reach)
         return angle
 
     def _ramp(self, left: float) -> None:
@@ -89,7 +87,7 @@ class Profile:
         beyond = abs(left - 0.5 * tick * self.speed) / (step * tick)
         wanted = step * (math.sqrt(0.25 + 2.0 * beyond) - 0.5)
         change = math.copysign(min(wanted, most), left - 0.5 * tick * self.speed) - self.speed
-        before, self.speed = self.speed, self.speed + min(max(change, -step), step)
+        before, self.speed = self.speed, self.speed + clip(change, step)
         self.angle += 0.5 * tick * (before + self.speed)
 
 
@@ -115,12 +113,12 @@ def run(
     noise = firmware.noise * rng.standard_normal(total) if firmware.noise else np.zeros(total)
     profile = Profile(firmware)
     for now in range(total):
-        code = math.floor(plant.angle() / CODE + noise[now] + 0.5)
+        code = code_of(plant.angle(), CODE, noise[now])
         row, within = divmod(now - rest, ticks)
         if row >= 0 and within == 0:
             codes[row] = code
         seen = max(now - firmware.delay - rest, 0) // ticks
-        duty = firmware.stiffness * (profile.toward(float(goals[seen])) - code * CODE)
-        most = firmware.duty_limit
-        plant.advance(min(max(duty, -most), most) * firmware.supply, firmware.tick)
+        goal = profile.toward(float(goals[seen]))
+        share = duty(goal, code * CODE, firmware.stiffness, firmware.duty_limit)
+        plant.advance(share * firmware.supply, firmware.tick)
     return codes

@@ -24,8 +24,10 @@ from pathlib import Path
 
 import numpy as np
 
-from studies.second_plant.firmware import CODE, Array, Firmware, run
-from studies.second_plant.rigs import REST
+from studies.rig.laws import CODE, Array, code_of, triangle
+from studies.rig.recording import TIME, column, csv, description
+from studies.second_plant.firmware import Firmware, run
+from studies.second_plant.rigs import ANGLE, GOAL, REST
 from studies.second_plant.two_mass import MOTOR_ANGLE, Drive, TwoMass
 
 TICK = 2e-3  # of a firmware [s]
@@ -63,29 +65,20 @@ def sts3215_joint(folder: Path, seed: int = 1) -> Path:
         goals = _motion(number, rows, period, rng)
         codes = _played(firmware, TwoMass(drive), goals, period, rng)
         logs[f"motion_{number}.csv"] = {"goal_deg": np.degrees(goals), "code": codes}
-    return _write(
-        folder,
-        period,
-        logs,
-        f"""\
-actuator = "smart_servo"
-variant = "sts3215"
-
-[uncertainty]
-inertia = "30 %"
-torque_constant = "30 %"
-resistance = "40 %"
-loop_factor = "20 %"
-
-[[logs]]
-file = "motion_*.csv"
-time = {{ column = "time_ms", unit = "ms" }}
-inputs.goal = {{ column = "goal_deg", unit = "deg" }}
-outputs.angle_reading = {{ column = "code", unit = "rad", scale = {CODE!r} }}
-constants = {{ supply = {supply} }}
-settle = "{REST:g} s"
-""",
+    told = description(
+        "smart_servo",
+        "sts3215",
+        {"inertia": 0.3, "torque_constant": 0.3, "resistance": 0.4, "loop_factor": 0.2},
+        [
+            [
+                'file = "motion_*.csv"',
+                *(TIME, GOAL, ANGLE),
+                f"constants = {{ supply = {supply} }}",
+                f'settle = "{REST:g} s"',
+            ]
+        ],
     )
+    return _write(folder, period, logs, told)
 
 
 def current_motor(folder: Path, seed: int = 1) -> Path:
@@ -116,31 +109,20 @@ def current_motor(folder: Path, seed: int = 1) -> Path:
         plant = TwoMass(drive)
         codes = np.empty(rows)
         for row, current in enumerate(currents.tolist()):
-            codes[row] = math.floor(plant.state[MOTOR_ANGLE] / CODE + 0.5)
+            codes[row] = code_of(plant.state[MOTOR_ANGLE], CODE)
             for _ in range(steps):
                 torque = cogging * math.sin(slots * plant.state[MOTOR_ANGLE] + phase)
                 plant.advance(source * (current - torque / torque_constant), 1.0 / (rate * steps))
         logs[f"spin_up_{number}.csv"] = {"current_A": currents, "code": codes}
-    return _write(
-        folder,
-        1.0 / rate,
-        logs,
-        f"""\
-actuator = "dc_motor_current"
-variant = "direct"
-
-[uncertainty]
-rotor_inertia = "30 %"
-torque_constant = "20 %"
-viscous_coefficient = "50 %"
-
-[[logs]]
-file = "spin_up_*.csv"
-time = {{ column = "time_ms", unit = "ms" }}
-inputs.current_command = {{ column = "current_A", unit = "A" }}
-outputs.encoder_angle = {{ column = "code", unit = "rad", scale = {CODE!r} }}
-""",
+    current = column("inputs.current_command", "current_A", "A")
+    angle = column("outputs.encoder_angle", "code", "rad", CODE)
+    told = description(
+        "dc_motor_current",
+        "direct",
+        {"rotor_inertia": 0.3, "torque_constant": 0.2, "viscous_coefficient": 0.5},
+        [['file = "spin_up_*.csv"', TIME, current, angle]],
     )
+    return _write(folder, 1.0 / rate, logs, told)
 
 
 def loaded_servo(folder: Path, seed: int = 1) -> Path:
@@ -179,33 +161,27 @@ def loaded_servo(folder: Path, seed: int = 1) -> Path:
         }
         known = f'constants = {{ "load_inertia.inertia" = {added} }}'
         runs.append(f'    {{ file = "load_{number}.csv", {known} }},')
-    return _write(
-        folder,
-        period,
-        logs,
-        f"""\
-actuator = "second_order_servo"
-variant = "bus"
-
-[uncertainty]
-natural_frequency = "50 %"
-damping_ratio = "30 %"
-speed_limit = "20 %"
-acceleration_limit = "50 %"
-inertia = "50 %"
-"transport_delay.time" = "50 %"
-gain = "2 %"
-
-[[logs]]
-time = {{ column = "time_ms", unit = "ms" }}
-inputs.goal = {{ column = "goal_deg", unit = "deg" }}
-inputs.load_torque = {{ column = "load_Nm", unit = "N.m" }}
-outputs.angle_reading = {{ column = "code", unit = "rad", scale = {CODE!r} }}
-settle = "{REST:g} s"
-repeat = [
-"""
-        + "\n".join([*runs, "]", ""]),
+    told = description(
+        "second_order_servo",
+        "bus",
+        {
+            "natural_frequency": 0.5,
+            "damping_ratio": 0.3,
+            "speed_limit": 0.2,
+            "acceleration_limit": 0.5,
+            "inertia": 0.5,
+            '"transport_delay.time"': 0.5,
+            "gain": 0.02,
+        },
+        [
+            [
+                *(TIME, GOAL, column("inputs.load_torque", "load_Nm", "N.m"), ANGLE),
+                f'settle = "{REST:g} s"',
+                *("repeat = [", *runs, "]"),
+            ]
+        ],
     )
+    return _write(folder, period, logs, told)
 
 
 def _motion(number: int, rows: int, period: float, rng: np.random.Generator) -> Array:
@@ -213,8 +189,7 @@ def _motion(number: int, rows: int, period: float, rng: np.random.Generator) -> 
     times: Array = period * np.arange(float(rows))
     length, size = rows * period, math.radians(float(rng.uniform(20.0, 50.0)))
     if number % 4 == 0:
-        wave = np.abs(np.mod(2.0 * times / length + 0.25, 1.0) - 0.5)
-        goals = size * (1.0 - 4.0 * wave)
+        goals = size * triangle(2.0 * times / length)
     elif number % 4 == 1:
         goals = _steps(rows, round(1.2 / period), size, rng)
     elif number % 4 == 2:
@@ -242,15 +217,11 @@ def _played(
     return run(firmware, plant, goals, round(period / firmware.tick), rest, rng).astype(float)
 
 
-def _write(
-    folder: Path, period: float, logs: Mapping[str, Mapping[str, Array]], description: str
-) -> Path:
+def _write(folder: Path, period: float, logs: Mapping[str, Mapping[str, Array]], told: str) -> Path:
     folder.mkdir()
     for name, columns in logs.items():
-        times = 1e3 * period * np.arange(len(columns["code"]))
-        rows = np.column_stack([times, *columns.values()])
-        header = ",".join(["time_ms", *columns])
-        np.savetxt(folder / name, rows, "%.9g", ",", header=header, comments="")
+        times: Array = 1e3 * period * np.arange(float(len(columns["code"])))
+        (folder / name).write_text(csv({"time_ms": times, **columns}, "%.9g"), encoding="utf-8")
     path = folder / "description.toml"
-    path.write_text(description, encoding="utf-8")
+    path.write_text(told, encoding="utf-8")
     return path

@@ -33,7 +33,6 @@ from __future__ import annotations
 
 import json
 import math
-import shutil
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from itertools import combinations, product
@@ -43,7 +42,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from studies.second_plant.firmware import CODE, Array, Firmware, Plant, run
+from servo_models.files import being_written
+from studies.rig.laws import CODE, Array, chirp_turns, triangle
+from studies.rig.recording import TIME, column, csv, description
+from studies.second_plant.firmware import Firmware, Plant, run
 from studies.second_plant.mujoco_plant import MujocoPlant
 from studies.second_plant.two_mass import Drive, TwoMass
 
@@ -463,13 +465,10 @@ def _goals(step: float, rng: np.random.Generator) -> tuple[Array, ...]:
     still = np.zeros(round(0.3 / step))
     steps = [still, *(np.full(count, level) for count, level in zip(held, levels))]
     rows = round(TRIANGLE / step)
-    wave = np.abs(np.mod(np.arange(rows) / rows + 0.25, 1.0) - 0.5)
-    triangle = math.radians(float(rng.uniform(4.0, 12.0))) * (1.0 - 4.0 * wave)
-    rows, high = round(CHIRP / step), float(rng.uniform(2.5, 5.0))
-    ratio = high / LOWEST
-    turns = LOWEST * CHIRP * (ratio ** (np.arange(rows) / rows) - 1.0) / math.log(ratio)
+    wave = math.radians(float(rng.uniform(4.0, 12.0))) * triangle(np.arange(rows) / rows)
+    turns = chirp_turns(LOWEST, float(rng.uniform(2.5, 5.0)), CHIRP, round(CHIRP / step))
     chirp = math.radians(float(rng.uniform(8.0, 20.0))) * np.sin(2.0 * math.pi * turns)
-    whole = (np.concatenate(steps), np.concatenate([still, triangle, chirp]))
+    whole = (np.concatenate(steps), np.concatenate([still, wave, chirp]))
     return tuple(np.radians(np.round(np.degrees(it), 3)) for it in whole)
 
 
@@ -481,53 +480,41 @@ def write(folder: Path, rigs: Sequence[Rig], tell: Callable[[int, int], None]) -
         cases/0007/description.toml, steps.csv, moves.csv
         answers.json
     """
-    part = folder.with_name(f".part-{folder.name}")
-    shutil.rmtree(part, ignore_errors=True)
-    for done, rig in enumerate(rigs):
-        own = part / "cases" / rig.name
-        own.mkdir(parents=True)
-        (own / "description.toml").write_text(_description(rig), encoding="utf-8")
-        for name, goals, codes in zip(LOGS, rig.goals, rig.codes()):
-            (own / name).write_text(_csv(rig, goals, codes), encoding="utf-8")
-        tell(done + 1, len(rigs))
-    answers = json.dumps([rig.answer() for rig in rigs], indent=1)
-    (part / "answers.json").write_text(answers, encoding="utf-8")
-    part.rename(folder)
+    with being_written(folder) as part:
+        for done, rig in enumerate(rigs):
+            own = part / "cases" / rig.name
+            own.mkdir(parents=True)
+            (own / "description.toml").write_text(_description(rig), encoding="utf-8")
+            row = 1e3 * rig.ticks * rig.firmware.tick
+            for name, goals, codes in zip(LOGS, rig.goals, rig.codes()):
+                times = row * np.arange(len(codes))
+                columns = {"time_ms": times, "goal_deg": np.degrees(goals), "code": codes}
+                text = csv(columns, ["%.6g", "%.3f", "%d"])
+                (own / name).write_text(text, encoding="utf-8")
+            tell(done + 1, len(rigs))
+        answers = json.dumps([rig.answer() for rig in rigs], indent=1)
+        (part / "answers.json").write_text(answers, encoding="utf-8")
+        part.rename(folder)
 
 
 LOGS = ("steps.csv", "moves.csv")
+GOAL = column("inputs.goal", "goal_deg", "deg")
+ANGLE = column("outputs.angle_reading", "code", "rad", CODE)
 
 
 def _description(rig: Rig) -> str:
     nominal = {"gain": 100.0, "sample_hold.period": rig.firmware.tick, **rig.nominal}
     lines = [
-        'actuator = "smart_servo"',
-        'variant = "xl330"',
-        "",
-        "[parameters]",
-        *(f'"{name}" = {value:.6g}' for name, value in nominal.items()),
-        "",
-        "[uncertainty]",
-        *(f'"{name}" = "{100.0 * UNCERTAINTY[name]:g} %"' for name in rig.nominal),
+        TIME,
+        GOAL,
+        ANGLE,
+        f"constants = {{ supply = {rig.firmware.supply!r} }}",
+        f'settle = "{REST:g} s"',
     ]
-    for name in LOGS:
-        lines += [
-            "",
-            "[[logs]]",
-            f'file = "{name}"',
-            'time = { column = "time_ms", unit = "ms" }',
-            'inputs.goal = { column = "goal_deg", unit = "deg" }',
-            f'outputs.angle_reading = {{ column = "code", unit = "rad", scale = {CODE!r} }}',
-            f"constants = {{ supply = {rig.firmware.supply!r} }}",
-            f'settle = "{REST:g} s"',
-        ]
-    return "\n".join([*lines, ""])
-
-
-def _csv(rig: Rig, goals: Array, codes: NDArray[np.int64]) -> str:
-    row = 1e3 * rig.ticks * rig.firmware.tick
-    lines = [
-        f"{i * row:.6g},{math.degrees(goal):.3f},{code}"
-        for i, (goal, code) in enumerate(zip(goals, codes.tolist()))
-    ]
-    return "\n".join(["time_ms,goal_deg,code", *lines, ""])
+    return description(
+        "smart_servo",
+        "xl330",
+        {f'"{name}"': UNCERTAINTY[name] for name in rig.nominal},
+        ([f'file = "{name}"', *lines] for name in LOGS),
+        {f'"{name}"': value for name, value in nominal.items()},
+    )

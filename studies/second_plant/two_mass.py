@@ -13,11 +13,12 @@ Nonsmooth Dynamical Systems, 2008, ch. 10).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, fields
+from dataclasses import astuple, dataclass, field, fields
+from typing import Any
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
+
+from studies.rig.laws import Array, clip, compiled, dead, pressed
 
 STEP = 2e-5  # longest step [s]: a contact of 300 Hz takes 167 of them for a period
 
@@ -61,7 +62,6 @@ class Drive:
     torque_limit: float = 0.0
 
 
-NAMES = tuple(it.name for it in fields(Drive))
 MOTOR_ANGLE, MOTOR_SPEED, OUTPUT_ANGLE, OUTPUT_SPEED = range(4)
 
 
@@ -70,10 +70,11 @@ class TwoMass:
     """The plant with its state: angle and speed of the motor, then of the output."""
 
     drive: Drive
-    state: NDArray[np.float64] = field(default_factory=lambda: np.zeros(4))
+    state: Array = field(default_factory=lambda: np.zeros(4))
 
     def __post_init__(self) -> None:
-        self.constants = np.array([getattr(self.drive, name) for name in NAMES])
+        form = [(it.name, float) for it in fields(Drive)]
+        self.constants: Any = np.rec.array([astuple(self.drive)], dtype=form)[0]
 
     def angle(self) -> float:
         """Angle [rad] of the output."""
@@ -85,88 +86,38 @@ class TwoMass:
         _advance(self.state, self.constants, voltage, seconds / steps, steps)
 
 
-@njit(cache=True)
-def _slowed(
-    speed: float,
-    level: float,
-    breakaway: float,
-    stribeck_speed: float,
-    smooth_speed: float,
-    inverse: float,
-    step: float,
-) -> float:
-    """A speed after a step of dry friction."""
+@compiled
+def _slowed(speed: float, level: float, inverse: float, c: Drive, step: float) -> float:
+    """The speed of a mass of this inverse inertia after a step of dry friction."""
     if level <= 0.0:
         return speed
-    if smooth_speed > 0.0:
-        return speed - step * inverse * level * math.tanh(speed / smooth_speed)
-    ratio = speed / stribeck_speed
-    lost = step * inverse * level * (1.0 + (breakaway - 1.0) * math.exp(-ratio * ratio))
+    if c.smooth_speed > 0.0:
+        return speed - step * inverse * level * math.tanh(speed / c.smooth_speed)
+    ratio = speed / c.stribeck_speed
+    lost = step * inverse * level * (1.0 + (c.breakaway - 1.0) * math.exp(-ratio * ratio))
     return max(speed - lost, 0.0) if speed > 0.0 else min(speed + lost, 0.0)
 
 
-@njit(cache=True)
-def _gear(twist: float, rate: float, half: float, stiffness: float, damping: float) -> float:
-    """Torque of the gear: outside the play it pushes, it never pulls."""
-    if half == 0.0:
-        return stiffness * twist + damping * rate
-    if twist > half:
-        return max(stiffness * (twist - half) + damping * rate, 0.0)
-    if twist < -half:
-        return min(stiffness * (twist + half) + damping * rate, 0.0)
-    return 0.0
-
-
-@njit(cache=True)
-def _advance(
-    state: NDArray[np.float64],
-    constants: NDArray[np.float64],
-    voltage: float,
-    step: float,
-    steps: int,
-) -> None:
-    (
-        torque_constant,
-        resistance,
-        motor_inertia,
-        output_inertia,
-        motor_friction,
-        output_friction,
-        breakaway,
-        stribeck_speed,
-        smooth_speed,
-        motor_drag,
-        output_drag,
-        play,
-        contact,
-        contact_damping,
-        gravity,
-        phase,
-        torque_limit,
-    ) = constants
-    frequency = 2.0 * math.pi * contact
-    stiffness = output_inertia * frequency * frequency
-    damping = 2.0 * contact_damping * output_inertia * frequency
+@compiled
+def _advance(state: Array, c: Drive, voltage: float, step: float, steps: int) -> None:
+    frequency = 2.0 * math.pi * c.contact
+    stiffness = c.output_inertia * frequency * frequency
+    damping = 2.0 * c.contact_damping * c.output_inertia * frequency
+    half = 0.5 * c.play
     a_m, w_m, a_o, w_o = state
     for _ in range(steps):
-        gear = _gear(a_m - a_o, w_m - w_o, 0.5 * play, stiffness, damping)
-        motor = torque_constant * (voltage - torque_constant * w_m) / resistance
-        if torque_limit > 0.0:
-            motor = min(max(motor, -torque_limit), torque_limit)
-        w_m += step * (motor - motor_drag * w_m - gear) / motor_inertia
-        w_o += step * (gear - gravity * math.sin(a_o + phase) - output_drag * w_o) / output_inertia
-        w_m = _slowed(
-            w_m, motor_friction, breakaway, stribeck_speed, smooth_speed, 1.0 / motor_inertia, step
-        )
-        w_o = _slowed(
-            w_o,
-            output_friction,
-            breakaway,
-            stribeck_speed,
-            smooth_speed,
-            1.0 / output_inertia,
-            step,
-        )
+        twist, rate = a_m - a_o, w_m - w_o
+        gear = stiffness * twist + damping * rate
+        if half > 0.0:
+            gear = pressed(dead(twist, half), rate, stiffness, damping)
+        motor = c.torque_constant * (voltage - c.torque_constant * w_m) / c.resistance
+        if c.torque_limit > 0.0:
+            motor = clip(motor, c.torque_limit)
+        weight = c.gravity * math.sin(a_o + c.phase)
+        w_m += step * (motor - c.motor_drag * w_m - gear) / c.motor_inertia
+        w_o += step * (gear - weight - c.output_drag * w_o) / c.output_inertia
+        w_m = _slowed(w_m, c.motor_friction, 1.0 / c.motor_inertia, c, step)
+        w_o = _slowed(w_o, c.output_friction, 1.0 / c.output_inertia, c, step)
         a_m += step * w_m
         a_o += step * w_o
-    state[0], state[1], state[2], state[3] = a_m, w_m, a_o, w_o
+    state[:] = a_m, w_m, a_o, w_o

@@ -175,7 +175,7 @@ def sealed_cases(folder: Path, asked: Asked, tell: Tell) -> str:
 def own_code() -> str:
     """Return the SHA-256 of the code: what two versions say of cases must not be mixed."""
     found = hashlib.sha256()
-    for package in (Path(servo_models.__file__).parent, Path(__file__).parent):
+    for package in (Path(servo_models.__file__).parent, Path(__file__).parents[1]):
         for path in sorted(package.rglob("*.py")):
             found.update(path.relative_to(package).as_posix().encode() + b"\0" + path.read_bytes())
     return found.hexdigest()

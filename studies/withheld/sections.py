@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Annotated, ClassVar
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta, Struct, defstruct
 
@@ -77,10 +77,27 @@ def met(figure: Statistic, bar: Bar) -> bool | None:
     return figure.value >= limit if way == AT_LEAST else figure.value <= limit
 
 
-def standing(figure: Statistic, bar: Bar) -> str:
+def standing(figure: Statistic, bar: Bar, wanted: int = MOST_WANTED) -> str:
     """Return in words where a figure stands against its bar, "so far" while too few cases do."""
     said = "met" if met(figure, bar) else "missed"
-    return said if figure.n >= MOST_WANTED else f"{said} so far"
+    return said if figure.n >= wanted else f"{said} so far"
+
+
+def figure_rows(
+    figures: Iterable[Callable[[Any], Statistic]],
+    bars: Mapping[str, Bar],
+    cases: Sequence[Any],
+    wanted: int = MOST_WANTED,
+) -> Iterator[tuple[Cell, ...]]:
+    """Yield a row of ``COLUMNS`` for each figure that has cases."""
+    for define in figures:
+        figure, bar = define(cases), bars.get(define.__name__)
+        if figure.n:
+            beside: tuple[Cell, Cell] = ("", "")
+            if bar:
+                said = standing(figure, bar, wanted)
+                beside = (f"{bar[0]} {bar[1]:g}", Mark(said, met(figure, bar)))
+            yield (define.__name__, quantity(figure), figure.n, *beside)
 
 
 def by_tier(check: Check) -> dict[str, Cases]:
@@ -128,20 +145,10 @@ def _bars_met(tier: str, cases: Cases) -> str:
 
 def _tier_section(tier: str, cases: Cases) -> Section:
     columns = ("truth", "said", "cases")
+    rows = tuple(figure_rows(FIGURES, BARS[tier], cases))
     mistaken = Table(f"{tier}: most frequent confusions", columns, _mistaken(cases))
-    figures = Table(f"{tier}, {len(cases)} cases", COLUMNS, tuple(_rows(tier, cases)))
+    figures = Table(f"{tier}, {len(cases)} cases", COLUMNS, rows)
     return Section(_title(tier), tables=(figures, mistaken))
-
-
-def _rows(tier: str, cases: Cases) -> Iterator[tuple[Cell, ...]]:
-    for define in FIGURES:
-        figure, bar = define(cases), BARS[tier].get(define.__name__)
-        if figure.n:
-            beside: tuple[Cell, Cell] = ("", "")
-            if bar:
-                said = standing(figure, bar)
-                beside = (f"{bar[0]} {bar[1]:g}", Mark(said, met(figure, bar)))
-            yield (define.__name__, quantity(figure), figure.n, *beside)
 
 
 def quantity(figure: Statistic) -> Quantity:

@@ -20,6 +20,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from studies.rig.laws import Array, chirp_turns, triangle
 from studies.withheld.generator.causes import CATALOGUE, FOREIGN, Cause, Drawn, draw
 from studies.withheld.generator.faults import (
     ARRIVAL,
@@ -36,8 +37,6 @@ from studies.withheld.generator.faults import (
 )
 from studies.withheld.generator.rigs import RIGS, Rig
 from studies.withheld.generator.simulation import Experiment, Plan
-
-Array = NDArray[np.float64]
 
 EASY, HARD, POOR, ROUGH = TIERS = ("easy", "hard", "poor", "rough")
 CLEAN = (EASY, HARD, POOR)
@@ -462,8 +461,7 @@ def _triangle(rig: Rig, rng: np.random.Generator, count: int, stride: int) -> Ar
     lead = round(LEAD * rig.slowest / (stride * rig.step))
     signs = _signs(max(0, rig.integrators - 1))
     phase = len(signs) * np.maximum(np.arange(count) - lead, 0) / (count - lead)
-    wave = 1.0 - 4.0 * np.abs(np.mod(phase + 0.25, 1.0) - 0.5)
-    wave *= signs[phase.astype(int)]
+    wave = triangle(phase) * signs[phase.astype(int)]
     return np.asarray(rng.uniform(0.08, 0.25) * rng.choice([-1.0, 1.0]) * wave)
 
 
@@ -472,7 +470,5 @@ def _chirp(rig: Rig, rng: np.random.Generator, count: int, stride: int) -> Array
     cosine where nothing holds the rig, which would leave with the mean of a sine's integral."""
     seconds = count * stride * rig.step
     low, high = 1.5 / seconds, rng.uniform(*rig.chirp)
-    time = np.arange(count) / count
-    turns = low * seconds * ((high / low) ** time - 1.0) / np.log(high / low)
-    turns += 0.25 * (rig.integrators > 0)
+    turns = chirp_turns(low, high, seconds, count) + 0.25 * (rig.integrators > 0)
     return np.asarray(rng.uniform(0.2, 0.5) * np.sin(2.0 * np.pi * turns))

@@ -14,9 +14,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from studies.rig.laws import Array
 from studies.withheld.generator.simulation import Plan
-
-Array = NDArray[np.float64]
 
 UNEVEN, DROPPED, COARSE, ARRIVAL, GLITCHES, PRIOR = FAULTS = (
     "uneven",

@@ -12,7 +12,6 @@ The seal is the SHA-256 of ``answers.json``.
 from __future__ import annotations
 
 import hashlib
-import io
 import json
 import math
 import tempfile
@@ -22,12 +21,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from studies.rig.laws import Array
+from studies.rig.recording import TIME, column, csv, description
 from studies.withheld.generator.cases import CLEAN, KINDS, Acting, Case, draw_case, kind_of
 from studies.withheld.generator.rigs import LOAD, Rig, Signal
-
-Array = NDArray[np.float64]
 
 VERSION = 1
 DIGITS = 4  # digits of a printed reading below its noise
@@ -111,65 +109,43 @@ def _signals(case: Case) -> list[Signal]:
     return [known[place] for place in case.experiment.readings]
 
 
-def _description(case: Case, logs: Sequence[str]) -> bytes:
+def _description(case: Case, names: Sequence[str]) -> bytes:
     rig, load = case.experiment.rig, case.experiment.load
     lines = [
-        f"# {rig.about}",
-        f'actuator = "{rig.actuator}"',
-        f'variant = "{rig.variant}"',
-        "",
-        "[uncertainty]",
-        *(f'{name} = "{100.0 * share:g} %"' for name, share in rig.spread.items()),
+        TIME,
+        _column("inputs", rig.command),
+        *([_column("inputs", LOAD)] if case.experiment.varied else []),
+        *(_column("outputs", signal) for signal in _signals(case)),
+        f'settle = "{rig.settle:g} s"',
     ]
-    for log in logs:
-        lines += [
-            "",
-            "[[logs]]",
-            f'file = "{log}"',
-            'time = { column = "time_ms", unit = "ms" }',
-            _channel("inputs", rig.command),
-            *([_channel("inputs", LOAD)] if case.experiment.varied else []),
-            *(_channel("outputs", signal) for signal in _signals(case)),
-            f'settle = "{rig.settle:g} s"',
-        ]
-        if load and not case.experiment.varied:
-            lines.append(f"constants = {{ load_torque = {load!r} }}")
-    return "\n".join([*lines, ""]).encode()
+    if load and not case.experiment.varied:
+        lines.append(f"constants = {{ load_torque = {load!r} }}")
+    logs = ([f'file = "{name}"', *lines] for name in names)
+    return f"# {rig.about}\n{description(rig.actuator, rig.variant, rig.spread, logs)}".encode()
 
 
-def _channel(kind: str, signal: Signal) -> str:
-    return f'{kind}.{signal.name} = {{ column = "{signal.column}", unit = "{signal.unit}" }}'
+def _column(kind: str, signal: Signal) -> str:
+    return column(f"{kind}.{signal.name}", signal.column, signal.unit)
 
 
 def _csv(case: Case, number: int, log: Array, digits: int) -> bytes:
     """A log with its time and command; readings have ``digits`` below their noise."""
     e = case.experiment
     plan = e.plans[number]
-    signals = _signals(case)
-    time = 1e3 * e.rig.step * plan.stride * case.stamps[number]
     command = plan.command[plan.logged]
     if case.command_step:
         codes = np.round((command - e.rig.rest) / case.command_step)
         command = e.rig.rest + case.command_step * codes
-    columns = [time, command / e.rig.command.unit_size]
+    columns = {
+        "time_ms": 1e3 * e.rig.step * plan.stride * case.stamps[number],
+        e.rig.command.column: command / e.rig.command.unit_size,
+    }
     formats = ["%.7g", f"%.{e.rig.command.digits}f"]
-    names = ["time_ms", e.rig.command.column]
     if e.varied:
-        columns.append(e.load * plan.shares[plan.logged])
+        columns[LOAD.column] = e.load * plan.shares[plan.logged]
         formats.append(f"%.{LOAD.digits}f")
-        names.append(LOAD.column)
-    for i, signal in enumerate(signals):
+    for i, signal in enumerate(_signals(case)):
         noise = case.noise * e.ranges[i] / e.ranges[0] / signal.unit_size
-        columns.append(log[:, i] / signal.unit_size)
+        columns[signal.column] = log[:, i] / signal.unit_size
         formats.append(f"%.{max(0, digits - math.floor(math.log10(noise)))}f")
-    text = io.StringIO()
-    names += [signal.column for signal in signals]
-    np.savetxt(
-        text,
-        np.column_stack(columns),
-        fmt=formats,
-        delimiter=",",
-        header=",".join(names),
-        comments="",
-    )
-    return text.getvalue().encode()
+    return csv(columns, formats).encode()

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from studies.rig.laws import ENCODER_CODE
+from studies.rig.laws import CODE
 
 Values = Mapping[str, float]
 
@@ -187,7 +187,7 @@ def bus_constants(true: Values) -> dict[str, float]:
         "loop.supply": BUS_VOLTS,
         "loop.duty_per_angle": BUS_GAIN * true["loop_factor"],
         "loop.tick": float(round(BUS_TICK / BUS_STEP)),
-        "feedback.step": ENCODER_CODE,
+        "feedback.step": CODE,
         "shaft.stop_frequency": 3e3,
         "gear.contact_rate": 1e4,
         "friction.bristle_stiffness": 1e4,

@@ -25,7 +25,7 @@ from typing import NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from studies.rig.laws import Array, clip, code_of, coded, compiled, dead, duty
+from studies.rig.laws import Array, clip, code_of, coded, compiled, dead, duty, pressed
 from studies.withheld.generator.rigs import (
     ANGLE_LOOP,
     CURRENT,
@@ -550,13 +550,6 @@ def motor_torque(x: Array, m: Array, s: Settings, acts: Array, load: float, d: A
 
 
 @compiled
-def pressing(beyond: float, rate: float, own: float, damping: float, weight: float) -> float:
-    """Push of a contact that is a spring and a damper and never pulls, over ``weight``."""
-    push = weight * (own * beyond + damping * rate)
-    return push if push * beyond > 0.0 else 0.0
-
-
-@compiled
 def pushed(x: Array, s: Settings, load: float, d: Array) -> tuple[float, int]:
     """Torque on a mass that coasts through its play, and its regime; the load acts on that mass."""
     g = s.gear
@@ -565,7 +558,7 @@ def pushed(x: Array, s: Settings, load: float, d: Array) -> tuple[float, int]:
     own = 2.0 * math.pi * g.contact_hertz
     apart = near - x[FAR_Q]
     beyond = dead(apart, g.coasting_play)
-    push = pressing(beyond, near_rate - x[FAR_W], own, 2.0 * g.contact_damping, own)
+    push = pressed(beyond, near_rate - x[FAR_W], own, 2.0 * g.contact_damping, own)
     d[FAR_Q] = x[FAR_W]
     d[FAR_W] = push - load / mass
     return mass * push, side(apart, g.coasting_play) if push != 0.0 else 1
@@ -632,7 +625,7 @@ def rates(x: Array, m: Array, s: Settings, acts: Array, d: Array) -> int:
     d[W] -= m[FRICTION]
     regime += 3 * side(x[Q], s.shaft.travel)
     beyond, own = dead(x[Q], s.shaft.travel), s.shaft.stop_frequency
-    d[W] -= pressing(beyond, x[W], own, STOP_DAMPING, total * own)
+    d[W] -= pressed(beyond, x[W], own, STOP_DAMPING, total * own)
     d[W] /= total
     return regime
 
@@ -676,8 +669,9 @@ def remember(m: Array, s: Settings, d: Array, speed: float, sticking: float, h: 
 @compiled
 def heun(
     x: Array, m: Array, s: Settings, acts: Array, h: float, d: Array, k: Array, y: Array
-) -> None:
-    """One step of Heun's third order from x, whose rates are d, to y; k is working space."""
+) -> int:
+    """One step of Heun's third order from x, whose rates are d, to y, whose rates are k; returns
+    the regime at y."""
     for i in range(STATES):
         y[i] = x[i] + h / 3.0 * d[i]
     rates(y, m, s, acts, k)
@@ -686,6 +680,7 @@ def heun(
     rates(y, m, s, acts, k)
     for i in range(STATES):
         y[i] = x[i] + 0.25 * h * (d[i] + 3.0 * k[i])
+    return rates(y, m, s, acts, k)
 
 
 @compiled
@@ -711,12 +706,10 @@ def run(s: Settings, acts: Array, h: float, seen: Array) -> None:
             here = rates(x, m, s, acts[n], d)
         left = h
         for split in range(SPLITS):
-            heun(x, m, s, acts[n], left, d, k, y)
-            there = rates(y, m, s, acts[n], k)
-            part = left
+            part, there = left, heun(x, m, s, acts[n], left, d, k, y)
             if there != here and split < SPLITS - 1:
                 part = crossing(x, m, s, acts[n], left, d, k, y, here)
-                there = rates(y, m, s, acts[n], k)
+                there = heun(x, m, s, acts[n], part, d, k, y)
             x, y, d, k, here = y, x, k, d, there
             left -= part
             if left <= 0.0:
@@ -728,16 +721,14 @@ def run(s: Settings, acts: Array, h: float, seen: Array) -> None:
 def crossing(
     x: Array, m: Array, s: Settings, acts: Array, h: float, d: Array, k: Array, y: Array, here: int
 ) -> float:
-    """Length of the step to y just past the corner that lies within h, by bisection."""
+    """Length of the step to just past the corner that lies within h, by bisection."""
     low, high = 0.0, h
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
-        heun(x, m, s, acts, middle, d, k, y)
-        if rates(y, m, s, acts, k) == here:
+        if heun(x, m, s, acts, middle, d, k, y) == here:
             low = middle
         else:
             high = middle
-    heun(x, m, s, acts, high, d, k, y)
     return high
 
 
