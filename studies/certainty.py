@@ -18,19 +18,17 @@ from __future__ import annotations
 
 import argparse
 import re
-import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from time import perf_counter
 
 import numpy as np
 
-from servo_models import check, diagnose, identify, model, simulate
+from servo_models import check, describe, diagnose, identify, model, simulate
 from servo_models.analysis.explain import display_scale
 from servo_models.core.simulate import Model
 from servo_models.core.types import Array
-from servo_models.data.description import Description, read_description
+from servo_models.data.description import Description
 from servo_models.identification.doubts import PRIOR_ONLY
 from servo_models.report.numbers import Quantity, with_error
 
@@ -276,32 +274,14 @@ def _shape(kind: str, random: np.random.Generator) -> Array:
     return np.clip(found, -1.0, 1.0)
 
 
-def described(case: Case, folder: Path, priors: bool) -> Description:
-    """Write the log and its description, and read it; ``priors`` as for a diagnosis."""
-    rig, nominal = case.rig, case.nominal
-    names = [rig.command, *rig.outputs]
-    table = np.column_stack([case.times, case.command, case.reading])
-    rows = [",".join(["time", *names]), *(",".join(f"{x:.12g}" for x in row) for row in table)]
-    (folder / "log.csv").write_text("\n".join(rows) + "\n")
-    variant, wires = nominal.actuator.values(nominal.variant), nominal.plant.wire
-    lines = [
-        f'actuator = "{nominal.actuator.name}"',
-        f'variant = "{nominal.variant}"',
-        f"free = {list(case.free)}".replace("'", '"'),
-        "[parameters]",
-        *[f'"{n}" = {v!r}' for n, v in nominal.values.items() if v != variant[n]],
-        "[[logs]]",
-        'file = "log.csv"',
-        'time = { column = "time", unit = "s" }',
-        *[
-            f'{part}.{n} = {{ column = "{n}", unit = "{wires[n].unit}" }}'
-            for part, n in [("inputs", rig.command), *(("outputs", n) for n in rig.outputs)]
-        ],
-    ]
-    path = folder / "rig.toml"
-    path.write_text("\n".join(lines) + "\n")
-    shares = {name: PRIOR_SHARE * nominal.values[name] for name in case.free if priors}
-    return replace(read_description(path), uncertainty=shares)
+def described(case: Case, priors: bool = False) -> Description:
+    """Describe the log, as for an identification; ``priors`` as for a diagnosis."""
+    outputs = dict(zip(case.rig.outputs, case.reading.T))
+    log = {"time": case.times, case.rig.command: case.command, **outputs}
+    shares = {name: PRIOR_SHARE * case.nominal.values[name] for name in case.free if priors}
+    columns = {name: name for name in log}
+    told = describe(case.nominal, {"log": log}, columns, free=case.free)
+    return replace(told, uncertainty=shares)
 
 
 @dataclass(frozen=True)
@@ -438,17 +418,16 @@ def by_diagnose(told: Description) -> Said:
 
 def judged(case: Case, diagnosed: bool) -> Iterator[tuple[str, Said, float]]:
     """What each command says of a case, and the seconds that it takes."""
-    with tempfile.TemporaryDirectory() as folder:
-        told = described(case, Path(folder), priors=False)
+    told = described(case)
+    begin = perf_counter()
+    identified = by_identify(told)
+    yield "identify", identified, perf_counter() - begin
+    begin = perf_counter()
+    yield "check", by_check(case, told, identified.values), perf_counter() - begin
+    if diagnosed:
+        told = described(case, priors=True)
         begin = perf_counter()
-        identified = by_identify(told)
-        yield "identify", identified, perf_counter() - begin
-        begin = perf_counter()
-        yield "check", by_check(case, told, identified.values), perf_counter() - begin
-        if diagnosed:
-            told = described(case, Path(folder), priors=True)
-            begin = perf_counter()
-            yield "diagnose", by_diagnose(told), perf_counter() - begin
+        yield "diagnose", by_diagnose(told), perf_counter() - begin
 
 
 def main() -> None:

@@ -30,8 +30,8 @@ import servo_models as sm
 from servo_models.core.simulate import Model
 from servo_models.core.types import Array
 from servo_models.diagnosis.result import Diagnosis
+from studies.rig.laws import CODE
 
-COUNT_RAD = 2.0 * math.pi / 4096.0
 STEP_S = 5e-3
 NOISE_COUNTS = 0.5
 UNCERTAINTY = {"torque_constant": 0.1, "resistance": 0.1, "inertia": 0.15, "loop_factor": 0.1}
@@ -109,9 +109,9 @@ def logs(case: Case) -> dict[str, dict[str, Array]]:
     found: dict[str, dict[str, Array]] = {}
     for name, goal in goals(random).items():
         times: Array = STEP_S * np.arange(float(len(goal)))
-        angle = sm.simulate(true, times, {"goal": goal})["angle"] / COUNT_RAD
+        angle = sm.simulate(true, times, {"goal": goal})["angle"] / CODE
         noisy = angle + NOISE_COUNTS * random.standard_normal(len(angle))
-        found[name] = {"t": times, "goal": goal, "reading": COUNT_RAD * np.round(noisy)}
+        found[name] = {"t": times, "goal": goal, "reading": CODE * np.round(noisy)}
     return found
 
 

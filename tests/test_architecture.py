@@ -180,10 +180,15 @@ def test_the_references_know_nothing_of_the_models() -> None:
         assert all({name, name.rpartition(".")[0]} & fellows for name in own), path
 
 
+GENERATOR = ("studies/withheld/generator", "studies/rig")
+
+
 def test_the_generator_of_withheld_cases_knows_nothing_of_the_product() -> None:
-    for path in ROOT.glob("studies/withheld/generator/*.py"):
-        own = {name for name in imported(path) if name.startswith("servo_models")}
-        assert all(name.startswith("studies.withheld.generator.") for name in own), path.name
+    for folder in GENERATOR:
+        for path in (ROOT / folder).glob("*.py"):
+            own = {name for name in imported(path) if name.startswith(("servo_models", "studies"))}
+            allowed = tuple(f"{known.replace('/', '.')}." for known in GENERATOR)
+            assert all(f"{name}.".startswith(allowed) for name in own), path
 
 
 ACTUATORS = {path.parent.name for path in ROOT.glob("servo_models/actuators/*/__init__.py")}

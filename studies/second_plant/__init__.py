@@ -1,4 +1,6 @@
-"""A second withheld study: rigs that share no physics with the package or with its generator.
+"""A second withheld study: rigs of other friction, masses and integrators than the generator's.
+
+With that they share ``studies.rig``, with the package nothing that simulates.
 
 ::
 

@@ -179,11 +179,9 @@ class Rig:
 
     def plant(self) -> Plant:
         """The plant at rest."""
-        return (
-            TwoMass(self.drive)
-            if self.engine == "two_mass"
-            else MujocoPlant(self.drive, self.stiff)
-        )
+        if self.engine == "two_mass":
+            return TwoMass(self.drive)
+        return MujocoPlant(self.drive, self.stiff)
 
     def codes(self) -> list[NDArray[np.int64]]:
         """The encoder's codes, one array a log."""

@@ -170,6 +170,12 @@ def test_every_name_is_one_of_the_products(rig: Rig) -> None:
         assert value == pytest.approx(values[name], rel=1e-12), name
 
 
+def test_a_setting_that_is_not_there_is_named() -> None:
+    e = experiment(BUS, large_step(BUS, np.random.default_rng(3)))
+    with pytest.raises(KeyError, match="no such setting"):
+        e.logs({"gear.plai": 1.0})
+
+
 def test_bristles_end_in_dry_friction_as_they_stiffen() -> None:
     e = experiment(MOTOR, large_step(MOTOR, np.random.default_rng(3)))
     t = e.true

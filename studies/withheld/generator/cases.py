@@ -392,24 +392,18 @@ def rich(rig: Rig, rng: np.random.Generator, thin: int) -> tuple[Plan, ...]:
     """Steps, triangles and a chirp in one log, or in two; ``thin`` times fewer rows."""
     amplitude = rng.uniform(*rig.amplitude)
     stride = thin * int(rng.choice(rig.sampling))
+
+    def sweeps(slow: int, fast: int) -> list[Array]:
+        return [_triangle(rig, rng, slow, stride), _chirp(rig, rng, fast, stride)]
+
     if rng.random() < 0.7:
         first, second = (_rows(rig, rng, stride, LENGTH) for _ in range(2))
-        parts = [
-            [_steps(rig, rng, first, stride)],
-            [
-                _triangle(rig, rng, second // 2, stride),
-                _chirp(rig, rng, second - second // 2, stride),
-            ],
-        ]
+        half = second // 2
+        parts = [[_steps(rig, rng, first, stride)], sweeps(half, second - half)]
     else:
         rows = _rows(rig, rng, stride, (15.0, LENGTH[1]))
-        parts = [
-            [
-                _steps(rig, rng, rows // 3, stride),
-                _triangle(rig, rng, rows // 3, stride),
-                _chirp(rig, rng, rows - 2 * (rows // 3), stride),
-            ]
-        ]
+        third = rows // 3
+        parts = [[_steps(rig, rng, third, stride), *sweeps(third, rows - 2 * third)]]
     return tuple(_plan(rig, stride, amplitude * np.concatenate(part)) for part in parts)
 
 

@@ -168,35 +168,28 @@ def _stribeck(low: float, high: float, slow: float, fast: float) -> Cause:
 _WARM = (Quantity("time_constant", "drive.heating_time", 1.0, 2.0),)
 _TURN = Quantity("turn", "drive.turn", 0.1, 2.0, "drive")
 
-SG90: tuple[Cause, ...] = (
-    _one("load_inertia", "inertia", "shaft.extra_inertia", 2e-5, 1.2e-3),
-    _mass(3e-5, 1e-3, 30.0, 60.0),
+_LOADED: tuple[Cause, ...] = (
+    _signed("load_gain", "error", "outside.load_gain", 0.02, 0.9),
+    _one("load_friction", "coefficient", "friction.per_load", 0.01, 0.8),
+)
+"""Of rigs with a load."""
+_HORN: tuple[Cause, ...] = (
+    *_LOADED,
     _one("end_stops", "half_range", "shaft.travel", 75.0 * D, 20.0 * D),
     _one("command_lag", "time_constant", "command.filter_time", 2e-3, 0.1),
-    _one("sample_hold", "period", "command.hold", 4e-3, 0.06, grid=True),
-    _one("dead_band", "half_width", "command.dead_band", 1e-6, 1e-4),
-    _one("command_quantisation", "step", "command.step", 2e-3, 0.06, "command"),
-    _signed("gain_error", "error", "command.gain", 5e-4, 0.1),
-    _one("command_offset", "value", "command.offset", 1e-3, 0.08, "command", signed=True),
-    _one("rate_limit", "rate", "command.slew", 30.0, 0.6, "command"),
     _one("backlash", "half_width", "gear.play", 0.05 * D, 6.0 * D),
-    _one("sensor_lag", "time_constant", "feedback.lag", 1e-3, 0.03),
-    _signed("sensor_nonlinearity", "bow", "feedback.bow", 2e-3, 0.2),
-    _signed("sensor_nonlinearity", "cubic", "feedback.cubic", 3e-3, 0.3),
-    _one("sensor_offset", "value", "feedback.offset", 0.01, 0.8, "feedback", signed=True),
-    _one("sensor_quantisation", "step", "feedback.step", 0.03, 0.8, "feedback"),
     _signed("direction_asymmetry", "ratio", "drive.asymmetry", 0.01, 0.5),
-    _one("hysteresis", "half_width", "drive.hysteresis", 0.05, 1.5, "drive", (_TURN,)),
-    _one("drive_dead_zone", "half_width", "drive.dead_zone", 0.01, 1.0, "drive"),
-    _one("drive_saturation", "limit", "drive.ceiling", 4.8, 1.2, "drive"),
-    _one("supply_sag", "resistance", "drive.sag", 0.2, 30.0, "source"),
+)
+"""Of servos with a horn."""
+_HOBBY: tuple[Cause, ...] = (
+    *_HORN,
+    _mass(3e-5, 1e-3, 30.0, 60.0),
+    _one("sample_hold", "period", "command.hold", 4e-3, 0.06, grid=True),
+    _one("sensor_lag", "time_constant", "feedback.lag", 1e-3, 0.03),
     _signed("constant_load", "torque", "load.constant", 2e-3, 0.15),
-    _signed("load_gain", "error", "outside.load_gain", 0.02, 0.9),
     _gravity(1e-3, 0.17),
-    _one("load_friction", "coefficient", "friction.per_load", 0.01, 0.8),
     _one("viscous_friction", "torque", "load.drag", 5e-3, 0.35, "drag"),
     _ripple(5e-4, 0.09, 6.0, 30.0),
-    _one("thermal_drift", "loss", "drive.heating", 0.03, 0.5, shape=_WARM),
     _one("coulomb_friction", "level", "friction.coulomb", 5e-4, 0.09),
     _stribeck(1e-3, 0.09, 0.02, 0.2),
     _one("reading_lag", "time_constant", "reading.lag", 1e-3, 0.05),
@@ -204,11 +197,38 @@ SG90: tuple[Cause, ...] = (
     _signed("reading_offset", "value", "reading.offset", 0.2 * D, 15.0 * D),
     _one("reading_quantisation", "step", "reading.step", 0.5 * D, 15.0 * D),
 )
+"""Of servos on pulses."""
+_ENCODER: tuple[Cause, ...] = (
+    _signed("command_gain", "error", "command.input_gain", 5e-4, 0.4),
+    _one("transport_delay", "time", "command.delay", 1e-4, 0.02, grid=True),
+    _one("sensor_quantisation", "step", "reading.step", 0.02, 1.25, "encoder"),
+)
+"""Of motors that nothing holds, read by their encoder."""
+
+SG90: tuple[Cause, ...] = (
+    *_HOBBY,
+    _one("load_inertia", "inertia", "shaft.extra_inertia", 2e-5, 1.2e-3),
+    _one("dead_band", "half_width", "command.dead_band", 1e-6, 1e-4),
+    _one("command_quantisation", "step", "command.step", 2e-3, 0.06, "command"),
+    _signed("gain_error", "error", "command.gain", 5e-4, 0.1),
+    _one("command_offset", "value", "command.offset", 1e-3, 0.08, "command", signed=True),
+    _one("rate_limit", "rate", "command.slew", 30.0, 0.6, "command"),
+    _signed("sensor_nonlinearity", "bow", "feedback.bow", 2e-3, 0.2),
+    _signed("sensor_nonlinearity", "cubic", "feedback.cubic", 3e-3, 0.3),
+    _one("sensor_offset", "value", "feedback.offset", 0.01, 0.8, "feedback", signed=True),
+    _one("sensor_quantisation", "step", "feedback.step", 0.03, 0.8, "feedback"),
+    _one("hysteresis", "half_width", "drive.hysteresis", 0.05, 1.5, "drive", (_TURN,)),
+    _one("drive_dead_zone", "half_width", "drive.dead_zone", 0.01, 1.0, "drive"),
+    _one("drive_saturation", "limit", "drive.ceiling", 4.8, 1.2, "drive"),
+    _one("supply_sag", "resistance", "drive.sag", 0.2, 30.0, "source"),
+    _one("thermal_drift", "loss", "drive.heating", 0.03, 0.5, shape=_WARM),
+)
 
 _SLIP = Quantity("jump", "command.slip_jump", 0.1, 0.9)
 _COIL_TURN = Quantity("turn", "drive.turn", 2e-4, 4e-3)
 
 TORQUE_MOTOR: tuple[Cause, ...] = (
+    *_LOADED,
     _one("load_inertia", "inertia", "shaft.extra_inertia", 5e-8, 3e-6),
     _mass(1e-7, 1e-6, 700.0, 1500.0),
     _one("transport_delay", "time", "command.delay", 1e-4, 4e-3, grid=True),
@@ -222,11 +242,9 @@ TORQUE_MOTOR: tuple[Cause, ...] = (
     _one("drive_saturation", "limit", "command.ceiling", 25.0, 6.0),
     _one("rate_limit", "rate", "command.slew", 1e5, 500.0),
     _one("stiction", "band", "command.stick_band", 0.1, 12.0, shape=(_SLIP,)),
-    _signed("load_gain", "error", "outside.load_gain", 0.02, 0.9),
     _one("supply_sag", "resistance", "drive.sag", 20.0, 1000.0),
     _signed("constant_load", "torque", "load.constant", 5e-5, 0.03),
     _gravity(2e-4, 0.055),
-    _one("load_friction", "coefficient", "friction.per_load", 0.01, 0.8),
     _one("viscous_friction", "torque", "load.drag", 5e-3, 0.12, "drag"),
     _ripple(5e-5, 0.02, 100.0, 400.0),
     _one("coulomb_friction", "level", "friction.coulomb", 3e-5, 0.02),
@@ -249,28 +267,23 @@ _SPEED_TURN = Quantity("turn", "drive.turn", 0.1, 2.0, "drive")
 _SPEEDING = Quantity("acceleration_time", "command.speeding_time", 0.02, 0.3)
 
 SMART_SERVO: tuple[Cause, ...] = (
+    *_HORN,
     _one("load_inertia", "inertia", "shaft.extra_inertia", 5e-4, 0.05),
     _mass(1e-3, 0.02, 12.0, 25.0),
-    _one("end_stops", "half_range", "shaft.travel", 75.0 * D, 20.0 * D),
     _signed("command_gain", "error", "command.gain", 5e-4, 0.3),
-    _signed("load_gain", "error", "outside.load_gain", 0.02, 0.9),
     _one("transport_delay", "time", "command.delay", 1e-3, 0.06, grid=True),
-    _one("command_lag", "time_constant", "command.filter_time", 2e-3, 0.1),
     _one("motion_profile", "velocity", "command.cruise", 30.0, 0.5, shape=(_SPEEDING,)),
-    _one("backlash", "half_width", "gear.play", 0.05 * D, 6.0 * D),
     _coasting(0.05 * D, 6.0 * D),
     _one("sensor_lag", "time_constant", "feedback.lag", 1e-3, 0.05),
     _signed("sensor_nonlinearity", "bow", "feedback.bow", 2e-3, 0.2),
     _signed("sensor_nonlinearity", "cubic", "feedback.cubic", 2e-3, 0.2),
     _signed("sensor_offset", "value", "feedback.offset", 0.05 * D, 6.0 * D),
     _one("drive_saturation", "limit", "drive.ceiling", 0.95, 0.15),
-    _signed("direction_asymmetry", "ratio", "drive.asymmetry", 0.01, 0.5),
     _one("drive_dead_zone", "half_width", "drive.dead_zone", 0.02, 1.4),
     _one("current_limit", "limit", "motor.current_limit", 1.3, 0.15),
     _one("thermal_drift", "loss", "drive.heating", 0.03, 0.5, shape=_WARM),
     _signed("constant_load", "torque", "load.constant", 5e-3, 0.5),
     _gravity(5e-3, 0.5),
-    _one("load_friction", "coefficient", "friction.per_load", 0.01, 0.8),
     _one("viscous_friction", "torque", "load.drag", 0.02, 2.5, "drag"),
     _ripple(5e-3, 0.25, 6.0, 30.0),
     _one("coulomb_friction", "level", "friction.coulomb", 2e-3, 0.25),
@@ -278,41 +291,24 @@ SMART_SERVO: tuple[Cause, ...] = (
 )
 
 PULSE_SERVO: tuple[Cause, ...] = (
+    *_HOBBY,
     _one("load_inertia", "inertia", "shaft.extra_inertia", 2e-5, 3e-3),
-    _mass(3e-5, 1e-3, 30.0, 60.0),
-    _one("end_stops", "half_range", "shaft.travel", 75.0 * D, 20.0 * D),
-    _one("command_lag", "time_constant", "command.filter_time", 2e-3, 0.1),
-    _one("sample_hold", "period", "command.hold", 4e-3, 0.06, grid=True),
     _one("dead_band", "half_width", "command.dead_band", 0.1 * D, 8.0 * D, "command"),
     _one("command_quantisation", "step", "command.step", 0.2 * D, 6.0 * D),
     _signed("command_offset", "value", "command.offset", 0.1 * D, 8.0 * D),
     _one("rate_limit", "rate", "command.slew", 30.0, 0.6),
     _one("stiction", "band", "command.stick_band", 0.1 * D, 20.0 * D, shape=(_SLIP,)),
-    _signed("load_gain", "error", "outside.load_gain", 0.02, 0.9),
-    _one("backlash", "half_width", "gear.play", 0.05 * D, 6.0 * D),
-    _one("sensor_lag", "time_constant", "feedback.lag", 1e-3, 0.03),
     _signed("sensor_nonlinearity", "bow", "feedback.bow", 2e-3, 0.3),
     _signed("sensor_nonlinearity", "cubic", "feedback.cubic", 2e-3, 0.3),
     _signed("sensor_offset", "value", "feedback.offset", 0.1 * D, 8.0 * D),
     _one("sensor_quantisation", "step", "feedback.step", 0.2 * D, 6.0 * D),
     _one("error_dead_zone", "half_width", "loop.error_dead_zone", 0.1 * D, 8.0 * D),
-    _signed("direction_asymmetry", "ratio", "drive.asymmetry", 0.01, 0.5),
     _one("hysteresis", "half_width", "drive.hysteresis", 0.03, 2.5, "drive", (_SPEED_TURN,)),
     _one("thermal_drift", "loss", "drive.heating", 0.03, 0.5, "heat", _WARM),
-    _signed("constant_load", "torque", "load.constant", 2e-3, 0.15),
-    _gravity(1e-3, 0.17),
-    _one("load_friction", "coefficient", "friction.per_load", 0.01, 0.8),
-    _one("viscous_friction", "torque", "load.drag", 5e-3, 0.35, "drag"),
-    _ripple(5e-4, 0.09, 6.0, 30.0),
-    _one("coulomb_friction", "level", "friction.coulomb", 5e-4, 0.09),
-    _stribeck(1e-3, 0.09, 0.02, 0.2),
-    _one("reading_lag", "time_constant", "reading.lag", 1e-3, 0.05),
-    _signed("reading_gain", "error", "reading.gain", 5e-3, 0.3),
-    _signed("reading_offset", "value", "reading.offset", 0.2 * D, 15.0 * D),
-    _one("reading_quantisation", "step", "reading.step", 0.5 * D, 15.0 * D),
 )
 
 SPEED_LOOP: tuple[Cause, ...] = (
+    *_LOADED,
     _one("load_inertia", "inertia", "shaft.extra_inertia", 2e-7, 1e-4),
     _mass(2e-6, 2e-5, 20.0, 50.0),
     _one("transport_delay", "time", "command.delay", 2e-4, 0.02, grid=True),
@@ -320,14 +316,12 @@ SPEED_LOOP: tuple[Cause, ...] = (
     _signed("command_gain", "error", "command.gain", 5e-4, 0.3),
     _signed("command_offset", "value", "command.offset", 0.5, 60.0),
     _one("rate_limit", "rate", "command.slew", 1e5, 1e3),
-    _signed("load_gain", "error", "outside.load_gain", 0.02, 0.9),
     _one("speed_lag", "time_constant", "feedback.lag", 2e-4, 0.02),
     _signed("direction_asymmetry", "ratio", "drive.asymmetry", 0.01, 0.5),
     _one("drive_dead_zone", "half_width", "drive.dead_zone", 5e-3, 0.4),
     _one("thermal_drift", "loss", "drive.heating", 0.01, 0.5, "heat", _WARM),
     _signed("constant_load", "torque", "load.constant", 5e-4, 0.06),
     _gravity(5e-4, 0.06),
-    _one("load_friction", "coefficient", "friction.per_load", 0.01, 0.8),
     _one("viscous_friction", "torque", "load.drag", 5e-4, 0.1, "drag"),
     _ripple(5e-4, 0.03, 1.0, 8.0),
     _one("coulomb_friction", "level", "friction.coulomb", 3e-4, 0.03),
@@ -335,10 +329,9 @@ SPEED_LOOP: tuple[Cause, ...] = (
 )
 
 ON_VOLTAGE: tuple[Cause, ...] = (
+    *_ENCODER,
     _one("load_inertia", "inertia", "shaft.extra_inertia", 5e-4, 0.4),
     _mass(2e-3, 0.02, 15.0, 40.0),
-    _signed("command_gain", "error", "command.input_gain", 5e-4, 0.4),
-    _one("transport_delay", "time", "command.delay", 1e-4, 0.02, grid=True),
     _one("sample_hold", "period", "command.hold", 2e-3, 0.06, grid=True),
     _one("command_quantisation", "step", "command.step", 0.05, 4.8),
     _signed("command_offset", "value", "command.offset", 0.01, 4.0),
@@ -350,7 +343,6 @@ ON_VOLTAGE: tuple[Cause, ...] = (
     _signed("sensor_nonlinearity", "bow", "reading.bow", 1e-4, 0.2),
     _signed("sensor_nonlinearity", "cubic", "reading.cubic", 1e-5, 0.1),
     _one("sensor_offset", "value", "reading.offset", 0.02, 3.0, "encoder", signed=True),
-    _one("sensor_quantisation", "step", "reading.step", 0.02, 1.25, "encoder"),
     _signed("direction_asymmetry", "ratio", "drive.asymmetry", 5e-3, 0.5),
     _one("thermal_drift", "loss", "drive.heating", 5e-3, 0.5, "heat", _WARM),
     _signed("constant_load", "torque", "load.constant", 0.01, 3.0),
@@ -363,10 +355,9 @@ ON_VOLTAGE: tuple[Cause, ...] = (
 )
 
 ON_CURRENT: tuple[Cause, ...] = (
+    *_ENCODER,
     _one("load_inertia", "inertia", "shaft.extra_inertia", 3e-8, 1e-5),
     _mass(2e-6, 2e-5, 20.0, 50.0),
-    _signed("command_gain", "error", "command.input_gain", 5e-4, 0.4),
-    _one("transport_delay", "time", "command.delay", 1e-4, 0.02, grid=True),
     _one("sample_hold", "period", "command.hold", 1e-3, 0.06, grid=True),
     _one("command_quantisation", "step", "command.step", 2e-3, 0.4),
     _signed("command_offset", "value", "command.offset", 3e-5, 0.1),
@@ -377,7 +368,6 @@ ON_CURRENT: tuple[Cause, ...] = (
     _signed("sensor_nonlinearity", "bow", "reading.bow", 1e-4, 0.4),
     _signed("sensor_nonlinearity", "cubic", "reading.cubic", 1e-5, 0.3),
     _one("sensor_offset", "value", "reading.offset", 0.01, 3.0, "encoder", signed=True),
-    _one("sensor_quantisation", "step", "reading.step", 0.02, 1.25, "encoder"),
     _signed("direction_asymmetry", "ratio", "drive.asymmetry", 1e-4, 0.2),
     _signed("constant_load", "torque", "load.constant", 1e-6, 3e-3),
     _gravity(3e-6, 0.01),

@@ -108,8 +108,8 @@ def servo_constants(true: Values) -> dict[str, float]:
         "loop.rest": REST * VOLTS_PER_SECOND / (K_F * true["potentiometer_gain"]),
         "loop.drive_per_load": STALL_VOLTAGE / STALL_TORQUE / SUPPLY,
         "feedback.full_scale": 6.0 / true["potentiometer_gain"],
-        "log.drive_unit": SUPPLY,
-        "log.feedback_unit": true["potentiometer_gain"],
+        "reading.drive_unit": SUPPLY,
+        "reading.feedback_unit": true["potentiometer_gain"],
         "command.scale": VOLTS_PER_SECOND / (K_F * true["potentiometer_gain"]),
         "command.delay": true["transport_delay.time"],
         "shaft.stop_frequency": 3e3,
@@ -271,7 +271,7 @@ def rotor_constants(true: Values, ratio: float = 1.0) -> dict[str, float]:
         "shaft.decay": true["viscous_coefficient"] / true["rotor_inertia"],
         "motor.torque_per_current": ratio * true["torque_constant"],
         "friction.bristle_stiffness": 100.0 * ratio * ratio,
-        "log.feedback_unit": ratio,
+        "reading.feedback_unit": ratio,
         "reading.full_scale": ENCODER_SCALE / ratio,
     }
 
@@ -321,21 +321,9 @@ def wound_pole() -> float:
     return (brake + WOUND["viscous_coefficient"]) / WOUND["rotor_inertia"]
 
 
-def loop_poles() -> tuple[float, float]:
-    """Magnitude of the poles, and their distance from the axis [rad/s], of the linear rig:
-    J s^2 + (k K + b) s + k K / T."""
-    pull = LOOP["torque_constant"] * LOOP["speed_gain"]
-    drag = pull + LOOP["viscous_coefficient"]
-    inertia = LOOP["rotor_inertia"]
-    return math.sqrt(pull / LOOP["integral_time"] / inertia), 0.5 * drag / inertia
-
-
-def bus_poles() -> tuple[float, float]:
-    """Magnitude of the poles, and their distance from the axis [rad/s], of the rig without a clock:
-    J s^2 + (k^2 / R) s + k U K / R."""
-    pull = BUS["torque_constant"] / BUS["resistance"]
-    spring = pull * BUS_VOLTS * BUS_GAIN * BUS["loop_factor"] / BUS["inertia"]
-    return math.sqrt(spring), 0.5 * pull * BUS["torque_constant"] / BUS["inertia"]
+def poles(inertia: float, drag: float, spring: float) -> tuple[float, float]:
+    """Magnitude of the poles of J s^2 + b s + c, and their distance from the axis [rad/s]."""
+    return math.sqrt(spring / inertia), 0.5 * drag / inertia
 
 
 def motor_poles(true: Values) -> tuple[float, float]:
@@ -356,8 +344,18 @@ def motor_poles(true: Values) -> tuple[float, float]:
 
 
 FAST, SLOW = motor_poles(MOTOR)
-BUS_FAST, BUS_SLOW = bus_poles()
-LOOP_FAST, LOOP_SLOW = loop_poles()
+BUS_PULL = BUS["torque_constant"] / BUS["resistance"]
+BUS_FAST, BUS_SLOW = poles(  # without its clock
+    BUS["inertia"],
+    BUS_PULL * BUS["torque_constant"],
+    BUS_PULL * BUS_VOLTS * BUS_GAIN * BUS["loop_factor"],
+)
+LOOP_PULL = LOOP["torque_constant"] * LOOP["speed_gain"]
+LOOP_FAST, LOOP_SLOW = poles(
+    LOOP["rotor_inertia"],
+    LOOP_PULL + LOOP["viscous_coefficient"],
+    LOOP_PULL / LOOP["integral_time"],
+)
 DEGREE = math.pi / 180.0
 WOUND_VOLTS, FREE_AMPERES = 24.0, 1.0
 FREE_READINGS = ((Signal("encoder_angle", "rad", 1.0), 2), (Signal("current", "A", 1.0), 1))

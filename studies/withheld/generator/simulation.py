@@ -26,14 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from studies.rig.laws import Array, clip, code_of, coded, compiled, dead, duty, pressed
-from studies.withheld.generator.rigs import (
-    ANGLE_LOOP,
-    CURRENT,
-    FIRMWARE,
-    SPEED_LOOP,
-    VOLTAGE,
-    Rig,
-)
+from studies.withheld.generator.rigs import ANGLE_LOOP, CURRENT, FIRMWARE, SPEED_LOOP, VOLTAGE, Rig
 
 
 class Loop(NamedTuple):
@@ -174,7 +167,7 @@ class Command(NamedTuple):
 
 
 class Reading(NamedTuple):
-    """Stages of the judged reading, in SI."""
+    """Stages of the judged reading, in SI, and units of two others."""
 
     play: float = 0.0
     lag: float = 0.0
@@ -185,11 +178,6 @@ class Reading(NamedTuple):
     slew: float = math.inf
     offset: float = 0.0
     step: float = 0.0
-
-
-class Log(NamedTuple):
-    """Units of the other readings."""
-
     drive_unit: float = 1.0  # what is logged over the drive
     feedback_unit: float = 1.0
 
@@ -225,13 +213,11 @@ class Settings(NamedTuple):
     friction: Friction = Friction()
     command: Command = Command()
     reading: Reading = Reading()
-    log: Log = Log()
     outside: Outside = Outside()
 
 
-RECORD = np.dtype(
-    [(group, [(name, float) for name in it._fields]) for group, it in Settings()._asdict().items()]
-)
+ABSENT = {group: it._asdict() for group, it in Settings()._asdict().items()}
+RECORD = np.dtype([(group, [(name, float) for name in it]) for group, it in ABSENT.items()])
 
 
 def settled(values: Mapping[str, float]) -> Settings:
@@ -243,7 +229,7 @@ def settled(values: Mapping[str, float]) -> Settings:
     every = np.rec.array([Settings()], dtype=RECORD)
     for name, value in values.items():
         group, _, field = name.partition(".")
-        if field not in getattr(Settings(), group, Settings)._fields:
+        if field not in ABSENT.get(group, ()):
             raise KeyError(f"no such setting: '{name}'")
         every[group][field] = value
     return cast(Settings, every[0])
@@ -827,8 +813,8 @@ class Experiment:
         run(s, np.column_stack([drive, outside]), step, seen)
         judged = self.readings[0]
         seen[:, judged] = read(seen[:, judged].copy(), s, step)
-        seen[:, DRIVE - ANGLE] *= s.log.drive_unit
-        seen[:, FEEDBACK - ANGLE] *= s.log.feedback_unit
+        seen[:, DRIVE - ANGLE] *= s.reading.drive_unit
+        seen[:, FEEDBACK - ANGLE] *= s.reading.feedback_unit
         return seen[before :: plan.stride][plan.logged][:, self.readings]
 
 
