@@ -30,8 +30,6 @@ from studies.withheld.generator.rigs import ANGLE_LOOP, CURRENT, FIRMWARE, SPEED
 
 
 class Loop(NamedTuple):
-    """What makes a drive of the command: nothing, a loop about speed or angle, or a firmware."""
-
     kind: float = CURRENT
     gain: float = 0.0  # of speed: current per speed
     rate: float = 0.0  # of speed: inverse of the integral time
@@ -49,8 +47,6 @@ class Loop(NamedTuple):
 
 
 class Feedback(NamedTuple):
-    """What a loop reads of the output, or of the speed."""
-
     lag: float = 0.0
     bow: float = 0.0
     cubic: float = 0.0
@@ -60,8 +56,6 @@ class Feedback(NamedTuple):
 
 
 class Drive(NamedTuple):
-    """What the drive, a voltage, current or share of the supply, goes through."""
-
     asymmetry: float = 0.0
     hysteresis: float = 0.0
     turn: float = 1.0
@@ -78,8 +72,6 @@ class Drive(NamedTuple):
 
 
 class Motor(NamedTuple):
-    """Winding and magnet."""
-
     corner: float = 0.0  # resistance over inductance
     resistance: float = 1.0
     flux_per_angle: float = 0.0  # as a current
@@ -91,8 +83,6 @@ class Motor(NamedTuple):
 
 
 class Shaft(NamedTuple):
-    """What turns, on a spring or free."""
-
     inertia: float = 1.0
     extra_inertia: float = 0.0
     natural_frequency: float = 1.0
@@ -104,8 +94,6 @@ class Shaft(NamedTuple):
 
 
 class Gear(NamedTuple):
-    """What is between shaft and output."""
-
     load_inertia: float = 0.0  # on a spring
     load_frequency: float = 0.0
     load_damping: float = 0.0
@@ -118,8 +106,6 @@ class Gear(NamedTuple):
 
 
 class Load(NamedTuple):
-    """Torques on shaft and output."""
-
     constant: float = 0.0
     gravity: float = 0.0
     gravity_phase: float = 0.0
@@ -134,8 +120,6 @@ class Load(NamedTuple):
 
 
 class Friction(NamedTuple):
-    """Dry friction of the shaft."""
-
     coulomb: float = 0.0
     per_load: float = 0.0
     stiction: float = 0.0
@@ -144,8 +128,6 @@ class Friction(NamedTuple):
 
 
 class Command(NamedTuple):
-    """Stages of the command, in its own unit up to ``scale`` and that of the drive after it."""
-
     zero: float = 0.0  # command of no drive
     input_gain: float = 0.0  # before all else
     delay: float = 0.0  # s
@@ -167,8 +149,6 @@ class Command(NamedTuple):
 
 
 class Reading(NamedTuple):
-    """Stages of the judged reading, in SI, and units of two others."""
-
     play: float = 0.0
     lag: float = 0.0
     bow: float = 0.0
@@ -187,8 +167,6 @@ SPELL = 0.3  # length of a spell in which a command is lost or not, likewise
 
 
 class Outside(NamedTuple):
-    """What comes and goes by itself."""
-
     lost_share: float = 0.0
     burst: float = 0.0
     sticking: float = 0.0
@@ -203,17 +181,17 @@ class Settings(NamedTuple):
     A torque, a share, a time or a step of codes that a rig has not is 0, a limit infinite.
     """
 
-    loop: Loop = Loop()
-    feedback: Feedback = Feedback()
-    drive: Drive = Drive()
-    motor: Motor = Motor()
-    shaft: Shaft = Shaft()
-    gear: Gear = Gear()
-    load: Load = Load()
-    friction: Friction = Friction()
-    command: Command = Command()
-    reading: Reading = Reading()
-    outside: Outside = Outside()
+    loop: Loop = Loop()  # what makes a drive of the command
+    feedback: Feedback = Feedback()  # what a loop reads of the output, or of the speed
+    drive: Drive = Drive()  # what a voltage, a current or a share of the supply goes through
+    motor: Motor = Motor()  # winding and magnet
+    shaft: Shaft = Shaft()  # what turns, on a spring or free
+    gear: Gear = Gear()  # what is between shaft and output
+    load: Load = Load()  # torques on shaft and output
+    friction: Friction = Friction()  # dry friction of the shaft
+    command: Command = Command()  # its stages, up to ``scale`` in its own unit
+    reading: Reading = Reading()  # stages of the judged one, in SI, and units of two others
+    outside: Outside = Outside()  # what comes and goes by itself
 
 
 ABSENT = {group: it._asdict() for group, it in Settings()._asdict().items()}
