@@ -61,21 +61,35 @@ def whiteness(residuals: Array, seen: Mask | None = None) -> float:
 def dependence(residuals: Array, given: Array, seen: Mask | None = None) -> float:
     """Return the probability of such correlations with past inputs if there is none.
 
-    The largest of them over lags 0 to 25 against its asymptotic spread, Bonferroni.  The input is
-    known at samples that are not ``seen``, shape (n,), the residuals are not.
+    The largest of them over lags 0 to 25 against its asymptotic spread, Bonferroni.
     """
-    seen = np.ones(len(residuals), dtype=bool) if seen is None else seen
-    span = _span(seen)
-    values, u = np.where(seen, residuals, 0.0)[span], given[span] - np.mean(given[span])
-    both = correlations(values, u, LAGS)
+    both, deviation = cross_correlation(residuals, given, LAGS, seen)
+    if deviation == 0.0:
+        return 1.0
+    largest = float(np.max(np.abs(both))) / deviation
+    return float(min(1.0, len(both) * math.erfc(largest / math.sqrt(2.0))))
+
+
+def cross_correlation(
+    residuals: Array, given: Array, lags: int, seen: Mask | None = None
+) -> tuple[Array, float]:
+    """Return the correlation of residuals with inputs so many samples before, shape (lags + 1,),
+    and its standard deviation if there is none, 0 where one of the two does not move.
+
+    The input is known at samples that are not ``seen``, shape (n,), the residuals are not.
+    """
+    span = _span(np.ones(len(residuals), dtype=bool) if seen is None else seen)
+    values = (residuals if seen is None else np.where(seen, residuals, 0.0))[span]
+    u, n = given[span] - np.mean(given[span]), len(values)
     # zeros where nothing is seen count in both: so many pairs fewer in the variance of the sum
-    own, drive = autocovariance(values), correlations(u, u, len(values) // 4)
-    k = min(len(own), len(drive))
+    own = autocovariance(values)
+    drive = correlations(u, u, min(len(own) - 1, n // 4))
+    k = len(drive)
     variance = own[0] * drive[0] + 2.0 * float(own[1:k] @ drive[1:k])
     if variance <= 0.0:
-        return 1.0
-    largest = float(np.max(np.abs(both))) * np.sqrt(len(values) / variance)
-    return float(min(1.0, len(both) * math.erfc(largest / math.sqrt(2.0))))
+        return np.zeros(min(lags, n - 1) + 1), 0.0
+    size = n * math.sqrt(own[0] * drive[0])
+    return _sums(values, u)[: lags + 1] / size, math.sqrt(n * variance) / size
 
 
 def autocovariance(residuals: Array) -> Array:
@@ -169,12 +183,17 @@ def autocorrelation(errors: Array) -> Array:
 
     Empty for errors that do not move.
     """
-    n = len(errors)
     centred = errors - errors.mean()
-    size = 2 ** int(np.ceil(np.log2(2 * n)))
-    spectrum = np.fft.rfft(centred, size)
-    correlation = np.fft.irfft(spectrum * spectrum.conj(), size)[: n // 5 + 1]
+    correlation = _sums(centred, centred)[: len(errors) // 5 + 1]
     return correlation / correlation[0] if correlation[0] > 0.0 else correlation[:0]
+
+
+def _sums(one: Array, other: Array) -> Array:
+    """Return sum(one[t] other[t - k]) for k = 0 ... n - 1, shape (n,), as fast as many lags ask."""
+    n = len(one)
+    size = 2 ** int(np.ceil(np.log2(2 * n)))
+    product = np.fft.rfft(one, size) * np.fft.rfft(other, size).conj()
+    return np.asarray(np.fft.irfft(product, size)[:n])
 
 
 def memory(errors: Array) -> int:

@@ -30,6 +30,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -450,6 +451,7 @@ class Spread:
         slopes: effect of one scale of each parameter on the weighted errors, root of the
             sum of squares, without what is roughness.
         groups: parameters, by position, that the data show only together.
+        profiles: of the estimates whose squared errors were looked at on both sides.
     """
 
     standard_errors: Array
@@ -458,6 +460,23 @@ class Spread:
     on_bound: tuple[str, ...]
     slopes: Array
     groups: tuple[tuple[int, ...], ...] = ()
+    profiles: tuple[Profile, ...] = ()
+
+
+class Profile(NamedTuple):
+    """The squared errors along one estimate, while the others follow along their slopes.
+
+    Attributes:
+        name: of the parameter.
+        points: distances [standard errors] from the estimate that were simulated, and the rise
+            there over all squared errors, each pair of them.
+        following, held: the same rise by slopes at a standard error, the others following or held.
+    """
+
+    name: str
+    points: tuple[tuple[float, float], ...]
+    following: float
+    held: float
 
 
 def spread(problem: Problem, vector: Array) -> Spread:
@@ -474,15 +493,21 @@ def spread(problem: Problem, vector: Array) -> Spread:
                 errors[i] = along.tread(errors[i], found.slopes[i])
             else:
                 errors[i] = along.needle(dent=_dent(told, i))
+    profiles = []
     for i in inner:
         if 0.0 < errors[i] < np.inf:
-            errors[i] *= _wider(problem, vector, told.slopes, i, errors[i])
-    return replace(found, standard_errors=errors * problem.scales)
+            wider, profile = _profiled(problem, vector, told.slopes, i, errors[i])
+            errors[i] *= wider
+            profiles += [profile] if profile.points else []
+    standard_errors = errors * problem.scales
+    return replace(found, standard_errors=standard_errors, profiles=tuple(profiles))
 
 
-def _wider(problem: Problem, vector: Array, slopes: Array, which: int, error: float) -> float:
-    """Return how much wider the interval of an estimate is than slopes say, by its profile: others
-    follow along their slopes.
+def _profiled(
+    problem: Problem, vector: Array, slopes: Array, which: int, error: float
+) -> tuple[float, Profile]:
+    """Return how much wider the interval of an estimate is than slopes say, and the profile that
+    tells it: others follow along their slopes.
 
     A limit that is met for moments, and a jump, are told from one side only.
 
@@ -497,10 +522,12 @@ def _wider(problem: Problem, vector: Array, slopes: Array, which: int, error: fl
     def left(errors: Array) -> float:
         return float(np.sum(others.without(errors) ** 2))
 
-    base = left(problem.latest(vector))
+    name, latest = problem.free[which].name, problem.latest(vector)
+    met: list[tuple[float, float]] = []
+    base, whole = left(latest), float(latest @ latest) or 1.0
     wanted, widest = left(end * slopes[:, which]), 1.0
     if not wanted:  # where no slope tells it, another way has
-        return widest
+        return widest, Profile(name, (), 0.0, 0.0)
     for side in (-1.0, 1.0):
         room = (high if side > 0.0 else low)[which] - vector[which]
         by, before, least = 1.0, (0.0, 0.0), FLAT * wanted
@@ -508,12 +535,16 @@ def _wider(problem: Problem, vector: Array, slopes: Array, which: int, error: fl
             point = vector.copy()
             point[which] += side * by * end
             risen = left(problem.errors_with(problem.values(point))) - base
+            met.append((side * by, risen))
             if risen >= least:
                 by = before[0] + (by - before[0]) * (least - before[1]) / (risen - before[1])
                 break
             by, before, least = 2.0 * by, (by, risen), wanted
         widest = max(widest, min(by, abs(room) / end))
-    return widest
+    points = tuple((by * PROFILED_ERRORS / widest, risen / whole) for by, risen in sorted(met))
+    unit = (widest / PROFILED_ERRORS) ** 2 / whole
+    held = float(np.sum((end * slopes[:, which]) ** 2))
+    return widest, Profile(name, points, unit * wanted, unit * held)
 
 
 def _by_half_a_step(problem: Problem, vector: Array) -> Array:

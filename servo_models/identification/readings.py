@@ -14,15 +14,28 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from servo_models.analysis.experiment import display
-from servo_models.analysis.statistics import memory
+from servo_models.analysis.statistics import (
+    autocorrelation,
+    cross_correlation,
+    dependence,
+    memory,
+    whiteness,
+)
 from servo_models.core.plant import Plant, Wire
 from servo_models.core.types import Array, Mask
 from servo_models.data.log import Log
 from servo_models.identification.result import Accuracy
-from servo_models.report.curves import DASHED, draw_frame, draw_legend, draw_responses
-from servo_models.report.numbers import Quantity
+from servo_models.report.curves import (
+    BUCKETS,
+    DASHED,
+    draw_frame,
+    draw_legend,
+    draw_responses,
+    envelope,
+)
+from servo_models.report.numbers import Quantity, listed
 from servo_models.report.sections import Cell, Picture, Table
-from servo_models.report.style import colour
+from servo_models.report.style import SERIES, colour
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,6 +45,10 @@ NOTED = 5  # notes on logs that are told one by one
 ZOOM = 8  # width of the zoomed panel, in times over which errors hang together
 LARGEST, FEWEST = 0.1, 60
 """... at most that share of the log, at least so many samples."""
+LAGS = 40  # lags of a correlation that are drawn at least; else twice as many as matter
+SIGMAS_99 = 2.576
+RARE = 0.01  # probability below which errors are called dependent
+LABELS = 5  # numbers on an axis of lags
 RUNS_AWAY = "runs away"
 IN_FILE = "after, in numbers of the file"
 
@@ -65,6 +82,11 @@ class Reading:
     def error(self) -> Array:
         """What the model that is judged leaves, simulated minus measured, shape (n,)."""
         return list(self.simulated.values())[-1] - self.measured
+
+    @property
+    def moving(self) -> dict[str, Array]:
+        """Inputs [SI] of the log that move, by name."""
+        return {name: u for name, u in self.log.inputs.items() if np.ptp(u) > 0.0}
 
     def size(self, value: float) -> str:
         """Return a number in the unit of the reading, with it."""
@@ -113,6 +135,54 @@ def most_missed(every: Sequence[Reading], sigma: Mapping[str, float]) -> list[Re
         for r in every
     ]
     return [every[i] for i in np.argsort(missed, kind="stable")[::-1][:SHOWN]]
+
+
+def draw_whiteness(panels: Sequence[Axes], every: Sequence[Reading]) -> None:
+    """Draw the autocorrelation of what is left of some readings, and its correlation with inputs
+    before, on two axes, each curve with the bounds of 99 % by chance.
+
+    Source: Ljung, System Identification, 2nd ed., sec. 16.6.
+    """
+    own, others = panels
+    counts = [max(2 * memory(one.error), LAGS) for one in every]
+    for one, count, tint in zip(every, counts, SERIES * len(every)):
+        values, bound = autocorrelation(one.error)[: count + 1], 1.0 / np.sqrt(len(one.error))
+        _draw_lags(own, one, values, bound, words(one.wire.name), tint)
+    pairs = [(one, count, name) for one, count in zip(every, counts) for name in one.moving]
+    for (one, count, name), tint in zip(pairs, SERIES * len(pairs)):
+        values, bound = cross_correlation(one.error, one.moving[name], count)
+        _draw_lags(others, one, values, bound, f"{words(one.wire.name)}, {words(name)}", tint)
+    own.set_ylabel("auto-\ncorrelation")
+    others.set_ylabel("correlation\nwith inputs before")
+    own.set_ylim(None, 1.05)
+    for axes, curves in ((own, len(every)), (others, len(pairs))):
+        axes.set(xlabel="lag [s]", xlim=(0.0, None))
+        axes.locator_params(axis="x", nbins=LABELS)
+        if curves > 1:
+            draw_legend(axes, curves)
+
+
+def _draw_lags(
+    axes: Axes, one: Reading, values: Array, deviation: float, label: str, tint: str
+) -> None:
+    seconds = np.arange(len(values)) * one.log.duration / (len(one.error) - 1)
+    axes.plot(*envelope(seconds, values, BUCKETS), color=colour(tint), lw=1.2, label=label)
+    for side in (SIGMAS_99, -SIGMAS_99):
+        axes.axhline(side * deviation, color=colour(tint), lw=0.8, ls=DASHED)
+
+
+def whiteness_text(every: Iterable[Reading]) -> str:
+    """Return how ``draw_whiteness`` is read, and what tests over 25 lags say of each reading."""
+    bounds = "Dashed: 99 % bounds for white errors, and for errors that no input moves."
+    return " ".join([*map(_dependent, every), bounds])
+
+
+def _dependent(one: Reading) -> str:
+    white = whiteness(one.error) >= RARE
+    over_time = "are white" if white else "hang together over time"
+    inputs = [words(name) for name, u in one.moving.items() if dependence(one.error, u) < RARE]
+    followed = f"follow {listed(inputs)}" if inputs else "follow no input beyond chance"
+    return f"Errors of {words(one.wire.name)} {over_time} and {followed}."
 
 
 def not_drawn(logs: Iterable[Log]) -> str:

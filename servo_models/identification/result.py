@@ -12,7 +12,7 @@ from servo_models.core.simulate import Model
 from servo_models.core.types import Array, Mask
 from servo_models.data.log import Log
 from servo_models.errors import UserError
-from servo_models.identification.linear_inference import Spread
+from servo_models.identification.linear_inference import Profile, Spread
 from servo_models.identification.optimise import Optimum
 from servo_models.identification.problem import Free, Problem
 from servo_models.report.document import Document, Unbounded, choice
@@ -67,6 +67,7 @@ class Identification(Result):
         correlations: shape (p, p).
         condition: of the slopes; see ``linear_inference.Spread``.
         groups: names of parameters that the logs show only together.
+        profiles: the squared errors along single parameters.
         sigma: weight of each output [SI]: its RMS error after the fit.
         accuracy: rows of errors before and after.
         before, after: simulated outputs by log, SI by name.
@@ -86,6 +87,7 @@ class Identification(Result):
     correlations: Array
     condition: float
     groups: tuple[tuple[str, ...], ...]
+    profiles: tuple[Profile, ...]
     sigma: dict[str, float]
     accuracy: Sequence[Accuracy]
     before: Sequence[dict[str, Array]]
@@ -186,6 +188,7 @@ def conclude(
         correlations=spread.correlations,
         condition=spread.condition,
         groups=tuple(tuple(problem.free[i].name for i in it) for it in spread.groups),
+        profiles=spread.profiles,
         sigma=dict(problem.sigma),
         accuracy=rows,
         before=before,

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
@@ -17,7 +15,6 @@ from servo_models.analysis.figures import figures
 from servo_models.analysis.linear_model import LinearModel
 from servo_models.analysis.linearise import linearise
 from servo_models.analysis.sine_test import hold
-from servo_models.analysis.statistics import autocorrelation, memory
 from servo_models.core.plant import Plant, Wire
 from servo_models.core.simulate import Model
 from servo_models.core.types import Array, Complex
@@ -36,20 +33,23 @@ from servo_models.identification.problem import Free
 from servo_models.identification.readings import (
     Reading,
     axis_label,
+    draw_whiteness,
     error_table,
     log_facts,
     log_notes,
     most_missed,
     not_drawn,
     reading,
+    whiteness_text,
     words,
 )
 from servo_models.identification.resolution import supposed
 from servo_models.identification.result import FIT, HELD_OUT, Identification
 from servo_models.report.curves import BUCKETS, DASHED, envelope, shade
+from servo_models.report.estimates import correlation_map, cost_profiles
 from servo_models.report.interchange import conditions
 from servo_models.report.live import Live
-from servo_models.report.numbers import ARROW, Quantity, number, plural, printed, with_unit
+from servo_models.report.numbers import ARROW, Quantity, number, plural, with_unit
 from servo_models.report.result import Report, document_of, page_of, report_of
 from servo_models.report.sections import Card, Cell, Mark, Picture, Section, Table
 from servo_models.report.style import colour
@@ -60,11 +60,9 @@ if TYPE_CHECKING:
 IN_CARD = 8  # parameters that the answer names; all are in the table
 AT_FLOOR = 1.5
 """Error over the noise floor up to which the model leaves nothing that a diagnosis could name."""
-MANY = 12  # largest number of parameters whose correlations are drawn
 LEAST_BLUR = 0.1  # movement [noise floors] by the resolution of a column, from which it is listed
 BINS = 41
 NUMBERS = 5  # numbers on an axis of long ones
-LAGS = 40  # lags that are drawn at least; else twice as many as matter
 FINE = 300  # points of a line of a Bode plot
 OWN_CLOCK = 1.5  # steps from which on a command is held for longer than a sample
 EVEN = 1e-4  # share of a step up to which its jitter is rounding
@@ -324,7 +322,10 @@ def _parameters(found: Identification) -> Section:
                 tuple(_parameter_row(found, *row) for row in _estimates(found)),
             ),
         ),
-        pictures=(_correlations(found),) if 1 < len(found.free) <= MANY else (),
+        pictures=(
+            *correlation_map([free.name for free in found.free], found.correlations),
+            *cost_profiles(found.profiles),
+        ),
         folded=True,
     )
 
@@ -343,45 +344,6 @@ def _parameter_row(
     )
 
 
-def _correlations(found: Identification) -> Picture:
-    """A square for each pair: its colour and number are the sign, its opacity the strength."""
-    p = len(found.free)
-
-    def draw(panels: Sequence[Axes]) -> None:
-        from matplotlib.patches import Rectangle
-
-        (axes,) = panels
-        for j, i in itertools.combinations_with_replacement(range(p), 2):
-            value = float(found.correlations[i, j])
-            same = i == j
-            blank = same or math.isnan(value)
-            tint = colour("muted" if blank else "orange" if value > 0.0 else "blue")
-            strength = 0.25 if same else 0.08 if blank else 0.6 * abs(value)
-            axes.add_patch(Rectangle((j, i), 1, 1, color=tint, alpha=strength, lw=0))
-            if not blank:
-                axes.text(j + 0.5, i + 0.5, _short(value), ha="center", va="center", size=7.5)
-        axes.set(xlim=(0, p), ylim=(p, 0))
-        axes.set_xticks(np.arange(p) + 0.5, [str(j + 1) for j in range(p)])
-        names = [f"{free.name}  {i + 1}" for i, free in enumerate(found.free)]
-        axes.set_yticks(np.arange(p) + 0.5, names)
-        axes.grid(visible=False)
-        axes.tick_params(length=0)
-
-    return Picture(
-        "Correlation of the estimates",
-        draw,
-        "Near 1 or -1: the logs fix a combination of the two, not each of them."
-        " Without a number: on a bound or not excited.",
-        height=0.8 + 0.26 * p,
-    )
-
-
-def _short(value: float) -> str:
-    """Two decimals, as short as a small square wants them."""
-    text = f"{abs(value):.2f}".removeprefix("0")
-    return text if value >= 0.0 or text == ".00" else printed(f"-{text}")
-
-
 def _residuals(drawn: Sequence[Reading]) -> Section:
     return Section(
         "Residuals",
@@ -393,22 +355,17 @@ def _residuals(drawn: Sequence[Reading]) -> Section:
 
 
 def _residual(reading: Reading) -> Picture:
-    """Errors over time, over lag, and by size."""
+    """Errors over time, over lag, beside the inputs before them, and by size."""
     log, error, label = reading.log, reading.error, axis_label("error", reading.unit)
     mean, deviation = float(np.mean(error)), float(np.std(error))
 
     def draw(panels: Sequence[Axes]) -> None:
-        time, lag, size = panels
+        time, lag, before, size = panels
         shade(time, log.stamps, log.held_out)
         time.plot(*envelope(log.stamps, error, BUCKETS), color=colour("blue"), lw=0.8)
         time.set(xlabel="time [s]", xlim=(log.stamps[0], log.stamps[-1]))
         time.set_ylabel(label, parse_math=False)
-        shown = autocorrelation(error)[: max(2 * memory(error), LAGS) + 1]
-        lags = np.arange(len(shown)) * log.duration / (len(error) - 1)
-        lag.plot(*envelope(lags, shown, BUCKETS), color=colour("blue"), lw=1.2)
-        for side in (1.96, -1.96):
-            lag.axhline(side / np.sqrt(len(error)), color=colour("muted"), lw=0.8, ls=DASHED)
-        lag.set(xlabel="lag [s]", ylabel="autocorrelation", xlim=(0.0, None), ylim=(None, 1.05))
+        draw_whiteness((lag, before), [reading])
         size.hist(error, BINS, density=True, color=colour("blue"), alpha=0.45, lw=0)
         if deviation > 0.0:
             across = np.linspace(error.min(), error.max(), 101)
@@ -417,17 +374,15 @@ def _residual(reading: Reading) -> Picture:
             size.plot(across, height, color=colour("ink"), lw=1.0, ls=DASHED)
         size.set_xlabel(label.replace("\n", " "), parse_math=False)
         size.set(ylabel="frequency", yticks=[])
-        for axes in (lag, size):
-            axes.locator_params(axis="x", nbins=NUMBERS)
+        size.locator_params(axis="x", nbins=NUMBERS)
 
     return Picture(
         reading.title,
         draw,
-        f"Mean {reading.size(mean)}, standard deviation {reading.size(deviation)}; dashed: the"
-        " normal distribution with these. Between the dashed lines: 95 % of the correlations that"
-        " white noise would have.",
-        rows=3,
-        height=5.4,
+        f"{whiteness_text([reading])} Mean {reading.size(mean)}, standard deviation"
+        f" {reading.size(deviation)}; dashed below: the normal distribution with these.",
+        rows=4,
+        height=7.0,
     )
 
 

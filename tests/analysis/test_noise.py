@@ -10,6 +10,7 @@ from scipy.stats import binom
 
 from servo_models.analysis.statistics import (
     autocovariance,
+    cross_correlation,
     dependence,
     hann,
     inflation,
@@ -42,6 +43,19 @@ def test_residual_tests_see_correlation_and_what_the_input_left() -> None:
     assert whiteness(coloured) < 1e-6
     assert dependence(coloured, u) > 1e-3
     assert dependence(white + 0.3 * np.roll(u, 3), u) < 1e-6
+
+
+def test_an_echo_of_the_input_shows_at_its_lag_beyond_the_bounds() -> None:
+    white, u = np.random.default_rng(3).standard_normal((2, 3000))
+    errors = white + 0.5 * np.roll(u, 7)
+    both, deviation = cross_correlation(errors, u, 40)
+    centred = u - u.mean()
+    whole = np.correlate(errors, centred, "full")[2999:3040]
+    size = np.linalg.norm(errors) * np.linalg.norm(centred)
+    np.testing.assert_allclose(both, whole / size, atol=1e-12)
+    assert np.argmax(np.abs(both)) == 7
+    assert deviation == pytest.approx(1.0 / np.sqrt(3000), rel=0.1)  # of two white signals
+    assert cross_correlation(errors, np.ones(3000), 40)[1] == 0.0
 
 
 SEEN = np.arange(2200) % 44 < 22  # stretches of 22 samples, with as many held out between them

@@ -125,7 +125,7 @@ def _held_out_rms(found: Identification, responses: list[dict[str, Array]]) -> f
 def test_page_is_whole_and_stands_alone(text: str) -> None:
     page = Page(text)
     page.assert_stands_alone()
-    assert page.count("svg") == page.count("figcaption") == 1 + 2 + 2 + 1
+    assert page.count("svg") == page.count("figcaption") == 1 + 2 + 2 + 1 + 1
     assert page.count("table") == page.count("caption") == 2
     assert "2026-01-31" in page.text
 

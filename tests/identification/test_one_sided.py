@@ -1,13 +1,16 @@
-"""A limit that is met for moments, or not at all, is told from below only."""
+"""Squared errors along an estimate; a limit that is met for moments is told from below only."""
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
+from scipy.optimize import minimize_scalar
 
 from servo_models.core.simulate import model
 from servo_models.core.types import Array
-from servo_models.identification.linear_inference import _wider, spread
+from servo_models.identification.linear_inference import _profiled, spread
 from servo_models.identification.optimise import along_valley, descend
 from servo_models.identification.problem import Problem, free_parameter
 from tests.support.logs import changed, measured
@@ -50,4 +53,33 @@ def test_where_no_slope_tells_a_value_nothing_is_wider() -> None:
     log = measured(nominal, TIMES, {"goal": goal}, {"angle": NOISE})
     limit = free_parameter(nominal.plant.parameters["acceleration_limit"], 200.0, None)
     problem = Problem(nominal, [log], [limit], {"angle": NOISE})
-    assert _wider(problem, problem.start, np.zeros((len(TIMES), 1)), 0, 0.1) == 1.0
+    assert _profiled(problem, problem.start, np.zeros((len(TIMES), 1)), 0, 0.1)[0] == 1.0
+
+
+def test_profiles_are_those_of_the_other_parameter_fitted_again_and_held() -> None:
+    nominal = model("second_order_servo", "bus")
+    goal = np.repeat([0.0, 0.3, -0.2, 0.1], 250)
+    log = measured(nominal, TIMES, {"goal": goal}, {"angle": NOISE}, 1)
+    free = [
+        free_parameter(nominal.plant.parameters[name], nominal.values[name], None)
+        for name in ("natural_frequency", "damping_ratio")
+    ]
+    problem = Problem(nominal, [log], free, {"angle": NOISE})
+    vector, _, _ = descend(problem, problem.start, 1e-12, 60)
+    found = spread(problem, vector)
+    least = problem.costs([vector])[0]
+    for i, profile in enumerate(found.profiles):
+        error = found.standard_errors[i] / problem.scales[i]
+
+        def risen(distance: float, other: float, i: int = i, error: float = error) -> float:
+            moved = np.array([other, other])
+            moved[i] = vector[i] + distance * error
+            return problem.costs([moved])[0] / least - 1.0
+
+        for distance, rise in profile.points:
+            again = minimize_scalar(partial(risen, distance), vector[1 - i] + np.array([-0.1, 0.1]))
+            assert rise == pytest.approx(again.fun, rel=0.05)
+            assert rise == pytest.approx(profile.following * distance**2, rel=0.15)
+            held = risen(distance, vector[1 - i])
+            assert profile.held * distance**2 == pytest.approx(held, rel=0.15)
+        assert len(profile.points) == 2

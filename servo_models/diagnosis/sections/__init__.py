@@ -37,6 +37,7 @@ def report(diagnosis: Diagnosis, date: str = "") -> Report:
             _answer(diagnosis),
             Section(WARNINGS, items=tuple(_sentences(summary.warnings(diagnosis))), folded=True),
             _errors(diagnosis),
+            _residuals(diagnosis),
             _where(diagnosis),
             _shape(diagnosis),
             _effects(diagnosis),
@@ -213,6 +214,16 @@ def _errors(diagnosis: Diagnosis) -> Section:
     )
 
 
+def _residuals(diagnosis: Diagnosis) -> Section:
+    return Section(
+        "Residuals",
+        "Simulated minus measured, of each output in the log where it is missed most. Errors that"
+        " hang together over time, or follow a command, are no noise: the model lacks something.",
+        pictures=pictures.residuals(diagnosis),
+        folded=True,
+    )
+
+
 def _where(diagnosis: Diagnosis) -> Section:
     return Section(
         WHERE,
@@ -335,7 +346,7 @@ def _parameters(diagnosis: Diagnosis) -> Section:
         PARAMETER,
         "Standard errors count correlated residuals; they do not count what the model lacks.",
         tables=tables.parameters(diagnosis),
-        pictures=pictures.moved(diagnosis),
+        pictures=(*pictures.moved(diagnosis), *pictures.estimates(diagnosis)),
         folded=True,
     )
 

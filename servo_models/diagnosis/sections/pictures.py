@@ -21,11 +21,14 @@ from servo_models.diagnosis.signatures import Answers, Codes, Signature, sentenc
 from servo_models.identification.readings import (
     Reading,
     axis_label,
+    draw_whiteness,
     most_missed,
     stretch,
+    whiteness_text,
     worst_sample,
 )
 from servo_models.report import curves
+from servo_models.report.estimates import correlation_map, cost_profiles
 from servo_models.report.numbers import with_unit
 from servo_models.report.sections import Picture
 from servo_models.report.style import SERIES, colour
@@ -52,6 +55,15 @@ def responses(diagnosis: Diagnosis) -> tuple[Picture, ...]:
     their errors, as a whole and where the nominal model is worst."""
     readings = most_missed(diagnosis.readings, diagnosis.floors)
     return tuple(picture for one in readings for picture in _response(one))
+
+
+def residuals(diagnosis: Diagnosis) -> tuple[Picture, ...]:
+    """Return whether what is left of each output is white and independent of the inputs."""
+    missed = most_missed(diagnosis.readings, diagnosis.floors)
+    worst = list({one.wire.name: one for one in reversed(missed)}.values())[::-1]
+    draw = partial(draw_whiteness, every=worst)
+    text = whiteness_text(worst)
+    return (Picture("Correlation of the errors", draw, text, rows=2, height=3.6),)
 
 
 def _response(one: Reading) -> Iterator[Picture]:
@@ -288,6 +300,15 @@ def _draw_moves(
         distances, rows, xerr=errors, fmt=marker, color=colour(tint), ms=4.5, lw=1.4, label=label
     )
     return float(np.abs(distances).max())
+
+
+def estimates(diagnosis: Diagnosis) -> Iterator[Picture]:
+    """Give how estimates hang together, and the squared errors along each."""
+    taken = diagnosis.selection.taken
+    if taken.problem.free:
+        names = [free.name for free in taken.problem.free]
+        yield from correlation_map(names, taken.spread.correlations)
+        yield from cost_profiles(taken.spread.profiles)
 
 
 def experiment(diagnosis: Diagnosis, one: Experiment) -> Picture:
