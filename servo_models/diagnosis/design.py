@@ -67,7 +67,7 @@ class Experiment:
         separations: RMS [noise floors] that model k, re-fitted, is expected to leave of the log if
             explanation i is the right one, shape (n, n).
         told: whether that rules out k, shape (n, n).
-        text: instruction in words.
+        steps: what to do, and then what to expect, a sentence or two each.
         wire: the input that is played.
         plan: the log to be, in which nothing is measured yet.
         file: name of the table with the command, "" while there is none.
@@ -77,10 +77,15 @@ class Experiment:
     weights: Array
     separations: Array
     told: Mask
-    text: str
+    steps: tuple[str, ...]
     wire: Wire
     plan: Log
     file: str = ""
+
+    @property
+    def text(self) -> str:
+        """The instruction in words."""
+        return " ".join(self.steps)
 
     @property
     def times(self) -> Array:
@@ -98,9 +103,10 @@ class Experiment:
         return self.plan.constants
 
     @property
-    def instruction(self) -> str:
-        """What to do, the table to play included."""
-        return f"{self.text} Its table is {self.file}." if self.file else self.text
+    def instructions(self) -> tuple[str, ...]:
+        """The steps, the table to play in the first."""
+        play, *others = self.steps
+        return (f"{play} Its table is {self.file}." if self.file else play, *others)
 
     @property
     def telling(self) -> bool:
@@ -151,11 +157,11 @@ def next_experiments(
         designer.weights,
         separations,
         designer.told(separations),
-        "",
+        (),
         designer.wire,
         designer.plan(command),
     )
-    return (replace(found, text=" ".join(_sentences(designer, command, found))),)
+    return (replace(found, steps=tuple(_steps(designer, command, found))),)
 
 
 def repeats_wanted(
@@ -582,7 +588,7 @@ def _residual_after_refit(rival: FittedModel, problem: Problem, known: Array) ->
 # In words
 
 
-def _sentences(designer: ExperimentDesigner, command: Command, found: Experiment) -> Iterator[str]:
+def _steps(designer: ExperimentDesigner, command: Command, found: Experiment) -> Iterator[str]:
     plant, plan = designer.problem.model.plant, found.plan
     duration = float(designer.times[-1])
     played_ = (
@@ -597,16 +603,16 @@ def _sentences(designer: ExperimentDesigner, command: Command, found: Experiment
             "No command that was tried inside the limits tells"
             f" {_listed(found.explanations, 'or')} apart. At best, c{played_}"
         )
+    if plan.settle:
+        yield f"Hold its first value for {in_time(plan.settle)} before the log begins."
+    if plan.constants:
+        yield f"Meanwhile {_held(plant, plan.constants)}, as in log '{plan.name}'."
     yield from _predicted(designer, command)
     if found.telling:
         yield from _expected(found)
     else:
         most = _few(float(found.separations.max()))
         yield f"Re-fitted to what another predicts, none would leave more than {most} noise floors."
-    if plan.settle:
-        yield f"Hold its first value for {in_time(plan.settle)} before the log begins."
-    if plan.constants:
-        yield f"Meanwhile {_held(plant, plan.constants)}, as in log '{plan.name}'."
     known = _on_record(plant, found)
     if known:
         yield f"What else separates them: {known}."

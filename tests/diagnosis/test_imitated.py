@@ -196,8 +196,7 @@ def test_what_is_imitated_is_told_with_what_shows_it(found: Diagnosis) -> None:
     planned: Any = SimpleNamespace(
         explanations=((), ("drive_dead_zone",)),
         rules_out=lambda model, right: (model, right) == ((), ("drive_dead_zone",)),
-        instruction="Play.",
-        text="Play.",
+        steps=("Play.",),
         file="a",
         telling=True,
     )

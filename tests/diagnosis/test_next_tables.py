@@ -39,7 +39,7 @@ def planned(description: Path) -> design.Experiment:
     names = ("transport_delay",), ("sensor_lag",)
     apart = 7.0 * (1.0 - np.eye(2))
     return design.Experiment(
-        names, np.array([0.6, 0.4]), apart, apart > 1.0, "Play a sine.", VOLTAGE, plan
+        names, np.array([0.6, 0.4]), apart, apart > 1.0, ("Play a sine.",), VOLTAGE, plan
     )
 
 

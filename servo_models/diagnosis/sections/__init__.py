@@ -144,7 +144,7 @@ def _to_do(diagnosis: Diagnosis) -> str:
         return f"Diagnose with more time. {summary.untried(diagnosis)}."
     if planned:
         file = f" ({planned[0].file})" if planned[0].file else ""
-        return f"{planned[0].text.partition('. ')[0]}{file}{summary.not_shown(diagnosis)}."
+        return f"{planned[0].steps[0].removesuffix('.')}{file}{summary.not_shown(diagnosis)}."
     if diagnosis.repeats_wanted:
         return diagnosis.repeats_wanted
     if diagnosis.parts:
@@ -360,7 +360,7 @@ def _next(diagnosis: Diagnosis) -> Section:
         " likely ones above all, their parameters re-fitted to imitate one another. Log it and"
         " diagnose it with the old logs.",
         items=(
-            *(one.instruction for one in planned),
+            *(step for one in planned for step in one.instructions),
             *(("--json or --report writes the table to play.",) if unwritten else ()),
             *filter(None, [diagnosis.repeats_wanted]),
         ),
