@@ -50,7 +50,8 @@ def diagnose(
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="Write what was measured, simulated and is left (.csv or .parquet).",
+            help="Write what was measured, simulated and is left (.csv, .parquet, or .mcap, with a"
+            " layout of PlotJuggler beside it, .xml).",
         ),
     ] = None,
     format_: Annotated[
@@ -103,13 +104,13 @@ def diagnose(
     from servo_models.diagnosis.diagnose import diagnose as run
     from servo_models.diagnosis.document import github
     from servo_models.diagnosis.search.selection import FIRST_ANSWER, TOLERANCE
-    from servo_models.files import write_whole, write_with
+    from servo_models.files import write_whole
     from servo_models.units import parse
 
     toml = ((out, ".toml"), (map_, ".toml"))
     check_outputs((json, ".json"), (report, ".html"), *toml, description=description)
     if signals:
-        check_outputs((signals, ".parquet" if signals.suffix == ".parquet" else ".csv"))
+        _check_signals(signals, description)
     allowed = TOLERANCE if tolerance is None else tolerance
     if not isfinite(allowed):
         raise UserError(f"--tolerance {allowed}: give a number of noise floors, such as 2")
@@ -137,9 +138,7 @@ def diagnose(
     if out:
         write_parameters(found.parameter_set(today), out)
     if signals:
-        table = found.signals()
-        kind = table.write_parquet if signals.suffix == ".parquet" else table.write_csv
-        write_with(signals, kind)
+        found.write_signals(signals)
     if map_ and found.residual_map:
         write_parameters(found.map_parameter_set(today), map_)
     if format_ is Format.JSON:
@@ -149,3 +148,19 @@ def diagnose(
     else:
         show(found.report())
     return 0 if found.within_tolerance else GAP_FOUND
+
+
+def _check_signals(path: Path, description: Path) -> None:
+    """Look at the name of a file of signals before long work, and at what it takes.
+
+    Raises:
+        UserError: see ``check_outputs``; a library that is missing.
+    """
+    from servo_models.data.plotjuggler import LAYOUT, check_library
+
+    known = path.suffix in (".csv", ".parquet", ".mcap")
+    outputs = [(path, path.suffix if known else ".csv, .parquet or .mcap")]
+    if path.suffix == ".mcap":
+        outputs.append((path.with_suffix(LAYOUT), LAYOUT))
+        check_library()
+    check_outputs(*outputs, description=description)

@@ -14,6 +14,7 @@ from servo_models.core.simulate import Model
 from servo_models.data.audit import Audit
 from servo_models.data.log import Log
 from servo_models.data.parameters import Parametrised
+from servo_models.data.plotjuggler import LAYOUT, Topic, write_layout, write_mcap
 from servo_models.diagnosis import design
 from servo_models.diagnosis.ambiguity import Slot, alternatives
 from servo_models.diagnosis.confirm import Confirmation
@@ -34,6 +35,7 @@ from servo_models.diagnosis.verdict import (
     parameters_explain,
     weights_by_effects,
 )
+from servo_models.files import write_with
 from servo_models.identification.readings import Reading, reading
 from servo_models.identification.resolution import Blur, blurs
 from servo_models.report.result import Result
@@ -41,6 +43,7 @@ from servo_models.report.result import Result
 if TYPE_CHECKING:
     import polars as pl
 
+LEFT = "left"  # name of the signal that is simulated minus measured
 MUCH = 0.5
 """Size of an effect that they imitate, over the gap, from which it is worth an experiment."""
 
@@ -238,15 +241,43 @@ class Diagnosis(Parametrised, Result):
         for one in self.readings:
             columns = tables.setdefault(one.log.name, {"time [s]": one.log.stamps})
             unit = f" [{one.unit}]" if one.unit else ""
-            columns[f"{one.wire.name} measured{unit}"] = one.measured
-            for stage, values in one.simulated.items():
-                columns[f"{one.wire.name} {stage}{unit}"] = values
-            columns[f"{one.wire.name} left{unit}"] = one.error
+            for name, values in {**one.beside, LEFT: one.error}.items():
+                columns[f"{one.wire.name} {name}{unit}"] = values
         frames = [
             pl.DataFrame(columns).insert_column(0, pl.lit(name).alias("log"))
             for name, columns in tables.items()
         ]
         return pl.concat(frames, how="diagonal")
+
+    def write_signals(self, path: Path) -> None:
+        """Write ``signals``: as ``.parquet``, as ``.mcap`` with a layout of PlotJuggler beside it,
+        else as CSV.
+
+        In an MCAP file each output of a log is a topic.
+
+        Raises:
+            UserError: the file cannot be written, or the library for MCAP files is not installed.
+
+        Example:
+            ``found.write_signals(Path("signals.mcap"))``, and open ``signals.xml`` in PlotJuggler.
+        """
+        if path.suffix != ".mcap":
+            table = self.signals()
+            parquet = path.suffix == ".parquet"
+            return write_with(path, table.write_parquet if parquet else table.write_csv)
+        topics = [
+            Topic(
+                f"{one.log.name}/{one.wire.name}".replace(";", ","),
+                one.unit,
+                one.log.stamps,
+                one.beside,
+                {LEFT: one.error},
+            )
+            for one in self.readings
+        ]
+        write_with(path, lambda part: write_mcap(part, topics))
+        layout = path.with_suffix(LAYOUT)
+        write_with(layout, lambda part: write_layout(part, path.name, topics))
 
     @cached_property
     def localisation(self) -> tuple[Breakdown, ...]:

@@ -84,6 +84,11 @@ class Reading:
         return list(self.simulated.values())[-1] - self.measured
 
     @property
+    def beside(self) -> dict[str, Array]:
+        """Measured and simulated, by name."""
+        return {"measured": self.measured, **self.simulated}
+
+    @property
     def moving(self) -> dict[str, Array]:
         """Inputs [SI] of the log that move, by name."""
         return {name: u for name, u in self.log.inputs.items() if np.ptp(u) > 0.0}

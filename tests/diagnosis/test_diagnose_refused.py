@@ -156,12 +156,19 @@ def test_a_platform_that_runs_no_fmu_gets_its_diagnosis(
 
 
 @pytest.mark.parametrize(
-    ("option", "name"), [("--out", "rig.toml"), ("--out", "values.toml"), ("--json", "log.json")]
+    ("option", "name"),
+    [
+        ("--out", "rig.toml"),
+        ("--out", "values.toml"),
+        ("--json", "log.json"),
+        ("--signals", "log.mcap"),
+    ],
 )
 def test_what_is_read_is_not_written(option: str, name: str, run: Run, tmp_path: Path) -> None:
-    path = describe(tmp_path, DESCRIPTION.format("").replace("log.csv", "log.json"))
+    log = name if name.startswith("log") else "log.json"
+    path = describe(tmp_path, DESCRIPTION.format("").replace("log.csv", log))
     path.write_text('params = "values.toml"\n' + path.read_text())
-    for other in ("values.toml", "log.json"):
+    for other in ("values.toml", log):
         (tmp_path / other).write_text("kept")
     before = (tmp_path / name).read_text()
     for command in ("diagnose", "identify") if option == "--out" else ("diagnose",):
@@ -256,7 +263,12 @@ def test_a_motor_that_nothing_holds_may_be_logged_for_a_moment(tmp_path: Path) -
 
 def test_names_of_outputs_are_looked_at_before_the_work(run: Run, tmp_path: Path) -> None:
     path = describe(tmp_path)
-    for option, name in (("--json", "d.txt"), ("--out", "p.json"), ("--report", "d.pdf")):
+    for option, name in (
+        ("--json", "d.txt"),
+        ("--out", "p.json"),
+        ("--report", "d.pdf"),
+        ("--signals", "s.txt"),
+    ):
         code, _, err = run("diagnose", path, option, tmp_path / name)
         assert code == 2
         assert "let the name end in" in err

@@ -12,10 +12,12 @@ import re
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from mcap.reader import make_reader
 
 from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
@@ -552,3 +554,17 @@ def test_signals_are_those_of_the_logs_and_of_simulations(found: Diagnosis) -> N
     run = prepared(found.fitted, log)
     np.testing.assert_allclose(table[simulated[-1]], np.degrees(run.outputs({})[:, 0]), atol=1e-4)
     np.testing.assert_allclose(table[left], table[simulated[-1]] - table[measured], atol=1e-12)
+
+
+def test_signals_for_plotjuggler_are_those_of_the_table(found: Diagnosis, tmp_path: Path) -> None:
+    found.write_signals(tmp_path / "signals.mcap")
+    table, (log,) = found.signals(), found.logs
+    with (tmp_path / "signals.mcap").open("rb") as file:
+        rows = [(m.log_time, json.loads(m.data)) for _, _, m in make_reader(file).iter_messages()]
+    for name in rows[0][1]:
+        np.testing.assert_array_equal([row[name] for _, row in rows], table[f"angle {name} [deg]"])
+    np.testing.assert_allclose([1e-9 * time for time, _ in rows], log.stamps, atol=1e-9)
+    drawn = ElementTree.parse(tmp_path / "signals.xml").iter("curve")
+    assert [it.attrib["name"] for it in drawn] == [
+        f"{log.name}/angle/{name}" for name in rows[0][1]
+    ]

@@ -268,7 +268,8 @@ def extra(name: str, module: str) -> Any:
         return importlib.import_module(module)
     except ImportError as error:
         raise UserError(
-            f"reading this format takes one more library: pip install 'servo-models[{name}]'"
+            f"the library '{module.partition('.')[0]}' is not installed: pip install"
+            f" 'servo-models[{name}]'"
         ) from error
 
 
