@@ -151,16 +151,13 @@ def diagnose(
 
 
 def _check_signals(path: Path, description: Path) -> None:
-    """Look at the name of a file of signals before long work, and at what it takes.
-
-    Raises:
-        UserError: see ``check_outputs``; a library that is missing.
-    """
-    from servo_models.data.plotjuggler import LAYOUT, check_library
+    """Look at the name of a file of signals, and for the library that it takes."""
+    from servo_models.data.plotjuggler import LAYOUT, LIBRARY
+    from servo_models.data.readers.columns import extra
 
     known = path.suffix in (".csv", ".parquet", ".mcap")
     outputs = [(path, path.suffix if known else ".csv, .parquet or .mcap")]
     if path.suffix == ".mcap":
         outputs.append((path.with_suffix(LAYOUT), LAYOUT))
-        check_library()
+        extra("mcap", LIBRARY)
     check_outputs(*outputs, description=description)

@@ -12,7 +12,6 @@ import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree
 
 import msgspec
@@ -21,6 +20,7 @@ from servo_models.core.types import Array
 from servo_models.data.readers.columns import extra
 from servo_models.report.style import colour
 
+LIBRARY = "mcap.writer"
 LAYOUT = ".xml"
 NS_PER_SECOND = 1e9
 READER = "DataLoad MCAP"
@@ -47,15 +47,6 @@ class Topic:
     below: Mapping[str, Array]
 
 
-def check_library() -> Any:
-    """Return the library that writes MCAP files.
-
-    Raises:
-        UserError: it is not installed.
-    """
-    return extra("mcap", "mcap.writer")
-
-
 def write_mcap(path: Path, topics: Sequence[Topic]) -> None:
     """Write signals as messages in JSON, one a sample of a topic.
 
@@ -65,7 +56,7 @@ def write_mcap(path: Path, topics: Sequence[Topic]) -> None:
     Example:
         ``write_mcap(Path("run.mcap"), [Topic("run/angle", "deg", times, {"measured": y}, {})])``
     """
-    library = check_library()
+    library = extra("mcap", LIBRARY)
     with path.open("wb") as file:
         writer = library.Writer(file)
         writer.start(library="servo-models")

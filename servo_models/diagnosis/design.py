@@ -67,7 +67,7 @@ class Experiment:
         separations: RMS [noise floors] that model k, re-fitted, is expected to leave of the log if
             explanation i is the right one, shape (n, n).
         told: whether that rules out k, shape (n, n).
-        steps: what to do, and then what to expect, a sentence or two each.
+        steps: what to do, then what to expect, a sentence each.
         wire: the input that is played.
         plan: the log to be, in which nothing is measured yet.
         file: name of the table with the command, "" while there is none.
@@ -84,7 +84,7 @@ class Experiment:
 
     @property
     def text(self) -> str:
-        """The instruction in words."""
+        """All steps at once."""
         return " ".join(self.steps)
 
     @property

@@ -17,7 +17,8 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 BUCKETS = 400  # stretches of a long curve of which extremes are drawn, about one a pixel
-WIDE_LABELS = 44  # characters of names of curves that fit on a line above a panel
+WIDE_LABELS = 48  # characters of names of curves that fit on a line above a panel
+SAMPLE = 3  # the same that the piece of line before a name takes
 ROOM = 0.15  # space above and below the measured and the judged curve, as a part of their range
 SMALL = 1e-3  # numbers below this are drawn with a power of ten at the axis
 DASHED = (0, (4, 3))
@@ -85,7 +86,7 @@ def draw_legend(axes: Axes, count: int) -> None:
     """Name ``count`` curves above a panel, in one line as wide as they need, or one below another
     where that is wider than a panel."""
     _, labels = axes.get_legend_handles_labels()
-    if sum(map(len, labels)) > WIDE_LABELS:
+    if sum(map(len, labels)) + SAMPLE * len(labels) > WIDE_LABELS:
         count = 1
     lines = -(-len(labels) // count)
     axes.set_title(" ", fontsize=8.5, pad=6.0 + 13.0 * (lines - 1))

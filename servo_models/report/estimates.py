@@ -34,9 +34,7 @@ def correlation_map(names: Sequence[str], correlations: NDArray[np.float64]) -> 
     """Return a square for each pair of estimates: its colour and number are the sign, its opacity
     the strength.  There is none for one estimate, or for more than ``MANY``.
 
-    Args:
-        names: of the estimates.
-        correlations: shape (p, p), NaN where there is none.
+    ``correlations`` have the shape (p, p), NaN where there is none.
     """
     p = len(names)
 
@@ -82,13 +80,15 @@ def cost_profiles(profiles: Sequence[Profile]) -> list[Picture]:
     def draw(panels: Sequence[Axes]) -> None:
         (axes,) = panels
         reach = max(REACH, *(1.1 * abs(x) for _, points, *_ in profiles for x, _ in points))
-        across = np.linspace(-reach, reach, 201)
         for row, (name, points, following, held) in enumerate(profiles):
             top = max(abs(rise) for _, rise in points) or 1.0
             for curvature, series, dash in ((held, "muted", DASHED), (following, "blue", "-")):
-                height = HIGHEST * curvature * across**2 / top
-                inside = np.where(height <= CUT, height, np.nan)
-                axes.plot(across, inside - row, color=colour(series), ls=dash, lw=1.1)
+                steepness = HIGHEST * curvature / top
+                end = min(reach, math.sqrt(CUT / steepness))
+                across = np.linspace(-end, end, 51)
+                axes.plot(
+                    across, steepness * across**2 - row, color=colour(series), ls=dash, lw=1.1
+                )
             distances, rises = zip(*points)
             heights = HIGHEST * np.array(rises) / top - row
             axes.plot(distances, heights, "o", color=colour("orange"), ms=4.5)

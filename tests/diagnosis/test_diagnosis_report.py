@@ -517,6 +517,7 @@ def test_logs_and_their_hashes_are_named(found: Diagnosis, text: str) -> None:
     "names",
     [
         ("measured", "nominal", "re-tuned", "with effects"),
+        ("parameters alone", "drive_saturation", "gain_error"),
         ("constant load and sensor nonlinearity", "constant load and command offset"),
     ],
 )
