@@ -149,12 +149,12 @@ def draw_whiteness(panels: Sequence[Axes], every: Sequence[Reading]) -> None:
     Source: Ljung, System Identification, 2nd ed., sec. 16.6.
     """
     own, others = panels
-    counts = [max(2 * memory(one.error), LAGS) for one in every]
-    for one, count, tint in zip(every, counts, SERIES * len(every)):
+    count = max([LAGS, *(2 * memory(one.error) for one in every)])
+    for one, tint in zip(every, SERIES * len(every)):
         values, bound = autocorrelation(one.error)[: count + 1], 1.0 / np.sqrt(len(one.error))
         _draw_lags(own, one, values, bound, words(one.wire.name), tint)
-    pairs = [(one, count, name) for one, count in zip(every, counts) for name in one.moving]
-    for (one, count, name), tint in zip(pairs, SERIES * len(pairs)):
+    pairs = [(one, name) for one in every for name in one.moving]
+    for (one, name), tint in zip(pairs, SERIES * len(pairs)):
         values, bound = cross_correlation(one.error, one.moving[name], count)
         _draw_lags(others, one, values, bound, f"{words(one.wire.name)}, {words(name)}", tint)
     own.set_ylabel("auto-\ncorrelation")

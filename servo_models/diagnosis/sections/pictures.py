@@ -62,8 +62,8 @@ def residuals(diagnosis: Diagnosis) -> tuple[Picture, ...]:
     missed = most_missed(diagnosis.readings, diagnosis.floors)
     worst = list({one.wire.name: one for one in reversed(missed)}.values())[::-1]
     draw = partial(draw_whiteness, every=worst)
-    text = whiteness_text(worst)
-    return (Picture("Correlation of the errors", draw, text, rows=2, height=3.6),)
+    text, height = whiteness_text(worst), 3.2 + ROW * len(worst)
+    return (Picture("Correlation of the errors", draw, text, rows=2, height=height),)
 
 
 def _response(one: Reading) -> Iterator[Picture]:
