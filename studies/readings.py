@@ -29,9 +29,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from servo_models.core.types import Array
-from servo_models.data.audit import Floor
-from servo_models.data.reading_steps import reading_steps
-from servo_models.data.sensor import noise_under_steps
+from servo_models.data.sensor import noise_floor, reading_steps
 
 KINDS = ("before", "before", "before", "after", "none")
 MEMORY = 0.5  # correlation of coloured noise from sample to sample
@@ -93,7 +91,7 @@ def judged(seed: int) -> Row:
     sizes = np.array([one.size for one in found])
     own = np.abs(sizes / step - 1.0) < 0.01
     floors = [
-        Floor(one.size / np.sqrt(12.0), None, noise_under_steps(read, one.size)).value
+        noise_floor(read, one.size, np.zeros((len(read), 1))).value
         for one, read in zip(found, records)
     ]
     lengths = [len(read) for read in records]

@@ -6,33 +6,33 @@ Everything here is read off the log alone; what it can determine about a model i
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from servo_models.analysis.statistics import hann, stretch_powers
 from servo_models.core.plant import Plant, Wire
 from servo_models.core.types import Array
+from servo_models.data.clock import JITTERY, Sampling, sampling
 from servo_models.data.log import Log
 from servo_models.data.mistakes import Mistake, mistakes
 from servo_models.data.outliers import POSITIONS
-from servo_models.data.reading_steps import NO_STEP, Step, reading_step, reading_steps
 from servo_models.data.sensor import (
+    FLAG,
+    NO_STEP,
+    Floor,
+    Step,
     clipped_share,
-    noise_under_steps,
-    spread_of_repeats,
+    noise_floor,
+    reading_steps,
     stale_share,
+    usual_width,
 )
-from servo_models.report.document import Document
 
 EXACT = 1e-6  # a reading without steps or noise counts as exact to this share of its range
 NO_NOISE = "millionth of the range, no noise"  # the origin of such a floor
-INNER = (1.0, 99.0)
-"""Percentiles between which readings count: noise is 4.7 times its floor wide there."""
-MOVES = 10.0  # that width over the noise floor, from which something moves
+MOVES = 10.0  # width of most readings in noise floors, from which something moves
 STRETCHES = 100  # of a log; within one of them nothing moves where it rests
 SPEEDS = ("m/s", "rad/s")
 ODD = 3.0
@@ -68,18 +68,11 @@ class Audit:
         )
 
 
-def audit(log: Log, plant: Plant) -> Audit:
-    """Audit a log of an actuator with this plant, by itself.
-
-    The high-frequency residual supposes samples that are almost evenly spaced.
-    """
-    return audits([log], plant)[0]
-
-
 def audits(logs: Sequence[Log], plant: Plant) -> tuple[Audit, ...]:
     """Audit logs of an actuator with this plant; those of one sensor share its reading step.
 
-    A sensor is an output from a column of one name, unit and scale.
+    A sensor is an output from a column of one name, unit and scale.  The fast residual supposes
+    samples that are almost evenly spaced.
     """
     found = [_audit(log, plant, steps) for log, steps in zip(logs, _steps(logs, plant))]
     commanded, moves = _commands_vary(logs, plant), any(map(_moves, found))
@@ -97,8 +90,7 @@ def show_motion(logs: Sequence[Log], plant: Plant) -> bool:
 def _moves(found: Audit) -> bool:
     """Whether an output of a log moves beyond its noise, single wild readings apart."""
     return any(
-        float(np.ptp(np.percentile(found.log.outputs[it.name], INNER))) > MOVES * it.floor.value
-        for it in found.readings
+        usual_width(found.log.outputs[it.name]) > MOVES * it.floor.value for it in found.readings
     )
 
 
@@ -134,19 +126,14 @@ def _steps(logs: Sequence[Log], plant: Plant) -> list[dict[str, Step]]:
         if plant.wire[name].flag:
             steps = [NO_STEP] * len(members)
         else:
-            steps = reading_steps([_counted(logs[i], logs[i].outputs[name]) for i in members])
+            steps = reading_steps([logs[i].outputs[name][logs[i].counted] for i in members])
         for i, step in zip(members, steps):
             found[i][name] = step
     return found
 
 
-def _counted(log: Log, values: Array) -> Array:
-    """Samples that count: without what is no reading of the motion."""
-    return values if log.skipped is None else values[~log.skipped]
-
-
 def _audit(log: Log, plant: Plant, steps: Mapping[str, Step]) -> Audit:
-    clock = _sampling(log)
+    clock = sampling(log)
     readings = tuple(_reading(log, plant.wire[name], steps[name]) for name in log.outputs)
     commands = tuple(_command(log, plant.wire[name], clock.step, readings) for name in log.inputs)
     rest = _at_rest(log, plant, readings)
@@ -207,164 +194,9 @@ def _at_rest(log: Log, plant: Plant, readings: Sequence[Reading]) -> float:
     return float(rest.mean())
 
 
-# The clock
-
-NANOSECOND = 9  # decimals of a time stamp [s] below which its digits are rounding
-GAP = 1.5  # a step longer than this many usual ones has lost samples
-STAMPS = 3
-"""Different steps that time stamps need to show their digits, 0 among them: no clock rests."""
-COARSE_STAMPS_PER_STEP = 0.3
-"""Step of the stamps, in usual steps, from which it is no small part of them."""
-SHORT_STEPS = 3
-"""Steps below the usual one that show rounded stamps: a lost row only makes steps longer."""
-LONG_STEPS = 0.1
-"""Share of steps one stamp longer than the usual one that shows rounded stamps as well."""
-USUAL_ROWS = 33  # rows about a step that tell the usual one: a clock may wander
-STRAIGHT_ROWS = 16  # rows over which stamps are compared with a straight line
-BENT_STAMPS = 2.0
-"""Second difference of the stamps, in their steps, that three roundings of a line do not reach."""
-BENT_ROWS = 0.1
-"""Share of rows with more, up to which stamps are straight: gaps bend the rows about them."""
-
-
-@dataclass(frozen=True)
-class Gap:
-    """Samples are missing after ``row`` of the file: nothing for ``length`` [s]."""
-
-    row: int
-    time: float
-    length: float
-
-
-@dataclass(frozen=True)
-class Sampling:
-    """The clock of a log, all in seconds.
-
-    Attributes:
-        samples: how many.
-        duration: from the first to the last.
-        step: mean of the steps that are no gaps.
-        jitter: their standard deviation.
-        stamp: smallest common step of the time stamps, 0 for none.
-        gaps: steps longer than 1.5 usual ones; where stamps are rounded, also than a usual one of
-            the rows about and a stamp, so that a lost row of less than two stamps may not show.
-        rounded: the stamps are so coarse that the steps differ by their rounding.
-    """
-
-    samples: int
-    duration: float
-    step: float
-    jitter: float
-    stamp: float
-    gaps: tuple[Gap, ...]
-    rounded: bool = False
-
-
-def lost_rows(log: Log) -> NDArray[np.int64]:
-    """Return the samples after which rows are surely missing: none where rows are uneven."""
-    steps = np.diff(log.times)
-    if len(steps) < STAMPS:
-        return np.empty(0, dtype=np.int64)
-    lost, *_ = _lost(steps)
-    kept = np.delete(steps, lost)
-    return lost if kept.std() <= JITTERY * kept.mean() else lost[:0]
-
-
-def _lost(steps: Array) -> tuple[NDArray[np.int64], float, bool]:
-    """Steps [s] in which rows are missing, the step of the stamps, and whether that is coarse."""
-    stamp = reading_step(np.round([*steps, 0.0, 0.0], NANOSECOND), STAMPS).size
-    longest: float | Array = GAP * float(np.median(steps))
-    if rounded := _are_rounded(steps, stamp):
-        near = np.minimum(steps, np.median(steps) + GAP * stamp)
-        around = np.pad(near, USUAL_ROWS // 2, mode="edge")
-        usual = np.convolve(around, np.full(USUAL_ROWS, 1.0 / USUAL_ROWS), "valid")
-        off = stamp / USUAL_ROWS  # by the rounding of the first and of the last of these rows
-        longest = np.maximum(GAP * usual, usual + stamp + 2.0 * off)
-    return np.flatnonzero(steps > longest), stamp, rounded
-
-
-def _sampling(log: Log) -> Sampling:
-    """Return the clock of a log."""
-    steps = np.diff(log.times)
-    lost, stamp, rounded = _lost(steps)
-    kept = np.delete(steps, lost)
-    gaps = tuple(Gap(int(log.rows[i]), float(log.stamps[i]), float(steps[i])) for i in lost)
-    return Sampling(
-        samples=len(log.times),
-        duration=log.duration,
-        step=float(kept.mean()),
-        jitter=float(kept.std()),
-        stamp=stamp,
-        gaps=gaps,
-        rounded=rounded,
-    )
-
-
-def _are_rounded(steps: Array, stamp: float) -> bool:
-    """Whether stamps in steps of ``stamp`` [s] are coarse, so that steps differ by rounding.
-
-    Stamps on an even grid have been put back on it before.
-    """
-    usual = float(np.percentile(steps, 50.0, method="lower"))  # a step, never between two
-    if stamp < COARSE_STAMPS_PER_STEP * usual or not stamp:
-        return False
-    off = np.round((steps - usual) / stamp)
-    if np.sum(off < 0) >= SHORT_STEPS:
-        return True
-    one_each = usual < GAP * stamp  # a row of a stamp: a lost one is a stamp too
-    return bool(np.mean(off == 1) > LONG_STEPS) and not (one_each and _are_bent(steps / stamp))
-
-
-def _are_bent(steps: Array) -> bool:
-    """Whether stamps with these steps [stamps] leave a straight line by more than rounding.
-
-    Lost rows add up by chance, and the rounding of a clock does not add up.
-    """
-    stamps = np.cumsum(np.round(steps))
-    rows = min(STRAIGHT_ROWS, (len(stamps) - 1) // 3)
-    bend = stamps[2 * rows :] - 2.0 * stamps[rows:-rows] + stamps[: -2 * rows]
-    return bool(np.mean(np.abs(bend) >= BENT_STAMPS) > BENT_ROWS)
-
-
 # Outputs and inputs
 
-QUANTUM, REPEATS, RESIDUAL = "reading step", "repeated commands", "fast residual"
-FLAG = 1.0 / math.sqrt(12.0)  # noise floor of a reading that says yes or no
 SAME_CLOCK = 1.5  # intervals below this many shortest ones are one period of a command's clock
-
-
-class Floor(Document, frozen=True):
-    """Noise floor of an output [SI]: how far readings are from the motion, root mean square.
-
-    A reading is off by noise and, independently, by the rounding to its step: their squares add.
-    Repeats show both together, and count where they show more.
-
-    Attributes:
-        quantum: reading step over the root of 12 (Widrow, Kollar, Quantization Noise, 2008,
-            ch. 5), 0 for none.
-        repeats: spread of the responses to repeated identical commands, None without any.
-        residual: noise before the rounding, from the differences of neighbouring samples.
-    """
-
-    quantum: float
-    repeats: float | None
-    residual: float
-
-    @property
-    def parts(self) -> dict[str, float]:
-        """Each method's figure by name."""
-        return {QUANTUM: self.quantum, REPEATS: self.repeats or 0.0, RESIDUAL: self.residual}
-
-    @property
-    def value(self) -> float:
-        return max(math.hypot(self.quantum, self.residual), self.repeats or 0.0)
-
-    @property
-    def origin(self) -> str:
-        """Name of the method that gave the floor, or most of it."""
-        if self.repeats and self.repeats >= self.value:
-            return REPEATS
-        return QUANTUM if self.quantum >= self.residual else RESIDUAL
 
 
 @dataclass(frozen=True)
@@ -418,27 +250,18 @@ class Command:
 
 
 def _reading(log: Log, wire: Wire, found: Step) -> Reading:
-    """Return how an output was read, in these steps.
-
-    One that says yes or no has the floor of its step, 1.
-    """
-    name, values = wire.name, _counted(log, log.outputs[wire.name])
-    if wire.flag:
-        floor, ends = Floor(FLAG, None, 0.0), (float(values.min()), float(values.max()))
-        return Reading(name, *ends, step=0.0, between=0.0, clipped=0.0, stale=0.0, floor=floor)
-    step = found.size
-    quantum, residual = step / math.sqrt(12.0), noise_under_steps(values, step)
-    inputs = [_counted(log, it) for it in log.inputs.values()]
-    command = np.column_stack([np.zeros(len(values)), *inputs])
-    floor = Floor(quantum, spread_of_repeats(values, command), residual)
+    """Return how an output was read, in these steps."""
+    values = log.outputs[wire.name][log.counted]
+    command = np.column_stack([np.zeros(len(log.times)), *log.inputs.values()])[log.counted]
+    floor = Floor(FLAG, None, 0.0) if wire.flag else noise_floor(values, found.size, command)
     return Reading(
-        name=name,
+        name=wire.name,
         low=float(values.min()),
         high=float(values.max()),
-        step=step,
+        step=found.size,
         between=found.between,
-        clipped=clipped_share(values, command, floor.value),
-        stale=stale_share(values, floor.value),
+        clipped=0.0 if wire.flag else clipped_share(values, command, floor.value),
+        stale=0.0 if wire.flag else stale_share(values, floor.value),
         floor=floor,
     )
 
@@ -498,7 +321,6 @@ def _band(
 
 # What makes a log doubtful, each with its cure
 
-JITTERY = 0.2  # standard deviation of the sampling step over its mean
 STALE = 0.2  # share of the moving samples
 CLIPPED = 0.01  # share of the samples
 LEAST_STEPS_PER_RANGE = 10.0  # of a reading

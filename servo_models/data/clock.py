@@ -1,4 +1,5 @@
-"""Times of a log: stamps that a clock rounded, or that came late, back on the grid it ticked on."""
+"""Times of a log: stamps that a clock rounded, or that came late, back on the grid it ticked on;
+jitter and lost rows of those that are left."""
 
 from __future__ import annotations
 
@@ -10,11 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servo_models.core.types import Array
+from servo_models.data.log import Log
+from servo_models.data.sensor import reading_step
 
 ROUNDING = 1e-3
 """Share of a sampling step up to which a deviation from a regular grid is rounding of a clock
 that ticks evenly."""
-NANOSECOND = 1e-9  # finest step of stamps [s] that is looked for
+DECIMALS = 9  # of a stamp [s], below which its digits are rounding
 DIGITS_LEFT = 4.0
 """Spacings of the floating-point numbers in which a stamp stands, below which its digits are
 rounding."""
@@ -109,7 +112,7 @@ def dithered(stamps: Array, scale: float = 1.0) -> Grid | None:
         scale: seconds in one unit of them.
     """
     since = (stamps - stamps[0]) * scale
-    finest = max(NANOSECOND, DIGITS_LEFT * scale * float(np.spacing(np.abs(stamps).max())))
+    finest = max(10.0**-DECIMALS, DIGITS_LEFT * scale * float(np.spacing(np.abs(stamps).max())))
     finest = 10.0 ** math.ceil(math.log10(finest))
     if len(since) < LEAST_STRETCH or since[-1] > MOST_TICKS * finest:
         return None
@@ -387,3 +390,122 @@ def _unforetold(values: Array, times: Array, rows: NDArray[np.int64]) -> Array:
     weights = np.linalg.pinv(powers)[:, 0]
     errors = values[rows] - np.sum(weights * values[rows[:, None] + near], axis=1)
     return np.asarray(errors / np.sqrt(1.0 + np.sum(weights**2, axis=1)))
+
+
+# What it is on the whole, and where rows are missing
+
+GAP = 1.5  # a step longer than this many usual ones has lost samples
+STAMPS = 3
+"""Different steps that time stamps need to show their digits, 0 among them: no clock rests."""
+COARSE_STAMPS_PER_STEP = 0.3
+"""Step of the stamps, in usual steps, from which it is no small part of them."""
+JITTERY = 0.2  # standard deviation of the sampling step over its mean, from which rows are uneven
+SHORT_STEPS = 3
+"""Steps below the usual one that show rounded stamps: a lost row only makes steps longer."""
+LONG_STEPS = 0.1
+"""Share of steps one stamp longer than the usual one that shows rounded stamps as well."""
+USUAL_ROWS = 33  # rows about a step that tell the usual one: a clock may wander
+STRAIGHT_ROWS = 16  # rows over which stamps are compared with a straight line
+BENT_STAMPS = 2.0
+"""Second difference of the stamps, in their steps, that three roundings of a line do not reach."""
+BENT_ROWS = 0.1
+"""Share of rows with more, up to which stamps are straight: gaps bend the rows about them."""
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Samples are missing after ``row`` of the file: nothing for ``length`` [s]."""
+
+    row: int
+    time: float
+    length: float
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """The clock of a log, all in seconds.
+
+    Attributes:
+        samples: how many.
+        duration: from the first to the last.
+        step: mean of the steps that are no gaps.
+        jitter: their standard deviation.
+        stamp: smallest common step of the time stamps, 0 for none.
+        gaps: steps longer than 1.5 usual ones; where stamps are rounded, also than a usual one of
+            the rows about and a stamp, so that a lost row of less than two stamps may not show.
+        rounded: the stamps are so coarse that the steps differ by their rounding.
+    """
+
+    samples: int
+    duration: float
+    step: float
+    jitter: float
+    stamp: float
+    gaps: tuple[Gap, ...]
+    rounded: bool = False
+
+
+def lost_rows(log: Log) -> NDArray[np.int64]:
+    """Return the samples after which rows are surely missing: none where rows are uneven."""
+    steps = np.diff(log.times)
+    if len(steps) < STAMPS:
+        return np.empty(0, dtype=np.int64)
+    lost, *_ = _lost(steps)
+    kept = np.delete(steps, lost)
+    return lost if kept.std() <= JITTERY * kept.mean() else lost[:0]
+
+
+def _lost(steps: Array) -> tuple[NDArray[np.int64], float, bool]:
+    """Steps [s] in which rows are missing, the step of the stamps, and whether that is coarse."""
+    stamp = reading_step(np.round([*steps, 0.0, 0.0], DECIMALS), STAMPS).size
+    longest: float | Array = GAP * float(np.median(steps))
+    if rounded := _are_rounded(steps, stamp):
+        near = np.minimum(steps, np.median(steps) + GAP * stamp)
+        around = np.pad(near, USUAL_ROWS // 2, mode="edge")
+        usual = np.convolve(around, np.full(USUAL_ROWS, 1.0 / USUAL_ROWS), "valid")
+        off = stamp / USUAL_ROWS  # by the rounding of the first and of the last of these rows
+        longest = np.maximum(GAP * usual, usual + stamp + 2.0 * off)
+    return np.flatnonzero(steps > longest), stamp, rounded
+
+
+def sampling(log: Log) -> Sampling:
+    """Return the clock of a log."""
+    steps = np.diff(log.times)
+    lost, stamp, rounded = _lost(steps)
+    kept = np.delete(steps, lost)
+    gaps = tuple(Gap(int(log.rows[i]), float(log.stamps[i]), float(steps[i])) for i in lost)
+    return Sampling(
+        samples=len(log.times),
+        duration=log.duration,
+        step=float(kept.mean()),
+        jitter=float(kept.std()),
+        stamp=stamp,
+        gaps=gaps,
+        rounded=rounded,
+    )
+
+
+def _are_rounded(steps: Array, stamp: float) -> bool:
+    """Whether stamps in steps of ``stamp`` [s] are coarse, so that steps differ by rounding.
+
+    Stamps on an even grid have been put back on it before.
+    """
+    usual = float(np.percentile(steps, 50.0, method="lower"))  # a step, never between two
+    if stamp < COARSE_STAMPS_PER_STEP * usual or not stamp:
+        return False
+    off = np.round((steps - usual) / stamp)
+    if np.sum(off < 0) >= SHORT_STEPS:
+        return True
+    one_each = usual < GAP * stamp  # a row of a stamp: a lost one is a stamp too
+    return bool(np.mean(off == 1) > LONG_STEPS) and not (one_each and _are_bent(steps / stamp))
+
+
+def _are_bent(steps: Array) -> bool:
+    """Whether stamps with these steps [stamps] leave a straight line by more than rounding.
+
+    Lost rows add up by chance, and the rounding of a clock does not add up.
+    """
+    stamps = np.cumsum(np.round(steps))
+    rows = min(STRAIGHT_ROWS, (len(stamps) - 1) // 3)
+    bend = stamps[2 * rows :] - 2.0 * stamps[rows:-rows] + stamps[: -2 * rows]
+    return bool(np.mean(np.abs(bend) >= BENT_STAMPS) > BENT_ROWS)

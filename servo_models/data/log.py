@@ -110,15 +110,17 @@ class Log:
     @property
     def fitted(self) -> Mask:
         """Samples that a fit sees, shape (n,)."""
-        return self._counted(~self.held_out)
+        return ~self.held_out & self.counted
 
     @property
     def checked(self) -> Mask:
         """Samples held out, that a score sees, shape (n,)."""
-        return self._counted(self.held_out)
+        return self.held_out & self.counted
 
-    def _counted(self, mask: Mask) -> Mask:
-        return mask if self.skipped is None else mask & ~self.skipped
+    @property
+    def counted(self) -> Mask:
+        """Samples that are not skipped, shape (n,)."""
+        return np.ones(len(self.times), dtype=bool) if self.skipped is None else ~self.skipped
 
 
 def hashes(logs: Iterable[Log]) -> dict[str, str]:

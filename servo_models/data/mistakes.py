@@ -14,11 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servo_models.core.plant import Plant, Wire
-from servo_models.core.types import Array, Mask
+from servo_models.core.types import Array
 from servo_models.data.log import Log
-from servo_models.data.outliers import AFTER, BEFORE, POSITIONS, off_neighbours
-from servo_models.data.sensor import difference_noise
-from servo_models.units import factor
+from servo_models.data.outliers import AFTER, BEFORE, POSITIONS, told
+from servo_models.data.sensor import (
+    difference_noise,
+    median_deviation,
+    off_neighbours,
+    runs,
+    usual_width,
+)
 
 LEAST_ROWS = 50  # of a log, below which chance looks like a mistake
 EQUAL = 1e-9  # of the range
@@ -70,7 +75,6 @@ a filter of second order."""
 STANDS = 0.15  # share of rows at the end in which a reading stands though its command moves
 STILL = 8.0  # range in noise floors of a reading that stands
 LONGER = 5.0  # width of a reading over that at rest, from which it has moved before
-INNER = (1.0, 99.0)  # percentiles between which readings count
 AS_FAR = 0.3  # range of its command meanwhile, over that of the whole log
 
 
@@ -127,11 +131,6 @@ def _doubled(log: Log) -> Iterator[Mistake]:
         yield Mistake("every row is there twice: keep one of each", "sample_hold")
 
 
-def _shown(wire: Wire, value: float) -> str:
-    unit = wire.display or wire.unit
-    return f"{value * factor(wire.unit, unit):.4g} {unit}".strip()
-
-
 def _placeholders(log: Log, wire: Wire, values: Array) -> Iterator[Mistake]:
     """A number that stands for no reading, such as -999."""
     for end in (np.min(values), np.max(values)):
@@ -140,9 +139,9 @@ def _placeholders(log: Log, wire: Wire, values: Array) -> Iterator[Mistake]:
         if which.sum() < PLACEHOLDERS or not len(others):
             continue
         apart = np.min(np.abs(others - end))
-        if apart > np.ptp(others) and len(_runs(which)[0]) >= PLACEHOLDERS:
+        if apart > np.ptp(others) and len(runs(which)[0]) >= PLACEHOLDERS:
             yield Mistake(
-                f"'{wire.name}' reads {_shown(wire, end)} in {which.sum()} rows, the first of them"
+                f"'{wire.name}' reads {told(wire, end)} in {which.sum()} rows, the first of them"
                 f" row {log.rows[np.argmax(which)]}, far outside all others: it stands for no"
                 " reading; say so by missing, with this number of the file"
             )
@@ -203,7 +202,7 @@ def _leaps(log: Log, wire: Wire, values: Array) -> Iterator[Mistake]:
         return
     size, first = float(np.median(np.abs(steps[where]))), int(log.rows[where[0] + 1])
     again = bool(np.all(np.abs(np.abs(steps[where]) - size) < SAME_LEAP * size))
-    leaps = f"'{wire.name}' leaps by {_shown(wire, size)} in one row, the first time in row {first}"
+    leaps = f"'{wire.name}' leaps by {told(wire, size)} in one row, the first time in row {first}"
     if again and size > WRAPPED * np.ptp(values):
         yield Mistake(
             f"{leaps}, from one end of its range to the other: its counter overflows, or it wraps"
@@ -234,7 +233,7 @@ def _held(log: Log, name: str, values: Array, step: float) -> Iterator[Mistake]:
 
     One in steps rests without noise anyway, as on a shaft that sticks.
     """
-    starts, stops = _runs(np.abs(np.diff(values)) <= EQUAL * np.ptp(values))
+    starts, stops = runs(np.abs(np.diff(values)) <= EQUAL * np.ptp(values))
     lengths = stops - starts
     long = lengths >= HELD_ROWS
     held = np.zeros(len(values), dtype=bool)
@@ -272,7 +271,7 @@ def _stands(log: Log, plant: Plant, name: str, values: Array) -> Iterator[Mistak
     """A reading that stands at the end of a log, though its command goes on as before."""
     begin = len(values) - int(STANDS * len(values))
     still = STILL * difference_noise(values)
-    if _width(values[begin:]) > still or _width(values) < LONGER * still:
+    if usual_width(values[begin:]) > still or usual_width(values) < LONGER * still:
         return
     for other, command in _commands(log, plant):
         far = AS_FAR * np.ptp(command)
@@ -286,18 +285,6 @@ def _stands(log: Log, plant: Plant, name: str, values: Array) -> Iterator[Mistak
             "stiction",
             "thermal_drift",
         )
-
-
-def _width(values: Array) -> float:
-    """Of most readings."""
-    low, high = np.percentile(values, INNER)
-    return float(high - low)
-
-
-def _runs(flags: Mask) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Where runs of True begin, and the row after each."""
-    edges = np.diff(np.concatenate([[0], flags.astype(int), [0]]))
-    return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
 
 
 def _straight(name: str, values: Array) -> Iterator[Mistake]:
@@ -333,7 +320,7 @@ def _averaged(name: str, values: Array) -> Iterator[Mistake]:
     """A reading each of which is a mean of others: its noise comes back when they leave it."""
     order = 3
     third = np.diff(values, order)
-    size = CLIPPED_NOISE * 1.4826 * float(np.median(np.abs(third)))
+    size = CLIPPED_NOISE * median_deviation(third)
     together = _correlations(np.clip(third, -size, size))
     together[: order + 1] = 0.0
     rows = int(np.argmin(together))

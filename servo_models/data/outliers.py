@@ -1,4 +1,4 @@
-"""Single readings that lie far from their neighbours: row and size."""
+"""Wild readings of a log, which no fit and no score is to see: row and size."""
 
 from __future__ import annotations
 
@@ -8,18 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from servo_models.analysis.experiment import display
 from servo_models.core.plant import Plant, Wire
 from servo_models.core.types import Array, Mask
 from servo_models.data.log import Log
-from servo_models.data.reading_steps import reading_step
-from servo_models.units import factor
+from servo_models.data.sensor import APART, outliers, usual_range
 
-WINDOW = 5  # readings of a running median; it passes over up to two neighbouring outliers
-APART = 5.0
-"""An outlier is this many times as far from its neighbours as any other reading, or step."""
-LEAST_SHARE = 0.02  # of the range of most readings: less than that harms no fit
-MOST = 0.01  # share of the readings that may be outliers: more of them belong to the signal
-FEW = 5  # readings that may be outliers in a log however short
 JUMP = 0.02  # of its range: a command that moves so far between two samples excuses a peak
 SMOOTH = 0.005  # of its range: an input that moves so far between most samples is noise or smooth
 BEFORE, AFTER = 2, 5
@@ -33,42 +27,6 @@ class Outlier(NamedTuple):
 
     row: int
     size: float
-
-
-def off_neighbours(values: Array) -> Array:
-    """Return how far readings lie off the running median, shape (n,); 0 where there are few."""
-    if len(values) < WINDOW:
-        return np.zeros(len(values))
-    ends = np.pad(values, WINDOW // 2, mode="edge")
-    windows = np.lib.stride_tricks.sliding_window_view(ends, WINDOW)
-    return np.asarray(values - np.median(windows, axis=1))
-
-
-def outliers(values: Array, excused: Mask | None = None) -> Array:
-    """Return by how much outliers lie off the running median, 0 for all other readings.
-
-    Edges and ramps pass a median of five unharmed (Tukey, Exploratory Data Analysis, 1977,
-    ch. 7), so that what is left is noise, peaks and outliers; these stand out of the rest.
-
-    Args:
-        values: readings in the order of time, shape (n,).
-        excused: where a peak is none, shape (n,).
-
-    Returns:
-        Distances with their sign, shape (n,).
-    """
-    off = off_neighbours(values)
-    if len(values) < WINDOW:
-        return off
-    if excused is not None:
-        off[excused] = 0.0
-    sizes = np.sort(np.abs(off))[::-1]
-    most = min(max(FEW, int(MOST * len(values))), len(values) - 1)
-    low, high = np.percentile(values, [1.0, 99.0])
-    least = max(reading_step(values).size, LEAST_SHARE * float(high - low) / APART)
-    apart = np.flatnonzero(sizes[:most] > APART * np.maximum(sizes[1 : most + 1], least))
-    bar = sizes[apart[-1]] if len(apart) else np.inf
-    return np.where(np.abs(off) >= bar, off, 0.0)
 
 
 def outliers_of(log: Log, wire: Wire) -> tuple[Outlier, ...]:
@@ -101,9 +59,9 @@ def _answering(log: Log) -> Mask:
 def _out_of_reach(values: Array, wire: Wire) -> Mask:
     """Mark positions outside the range of most others by more than that range, and those that come
     and go far faster than any other does."""
-    if wire.unit not in POSITIONS or len(values) < WINDOW:
+    if wire.unit not in POSITIONS:
         return np.zeros(len(values), dtype=bool)
-    low, high = np.percentile(values, [1.0, 99.0])
+    low, high = usual_range(values)
     off, steps = np.abs(outliers(values)), np.abs(np.diff(values))
     others = steps[(off[1:] == 0.0) & (off[:-1] == 0.0)]
     leaps = off > APART * others.max(initial=0.0)
@@ -112,7 +70,7 @@ def _out_of_reach(values: Array, wire: Wire) -> Mask:
 
 def without_outliers(log: Log, plant: Plant) -> Log:
     """Return a log whose outliers no fit and no score sees; its notes name them."""
-    skipped = np.zeros(len(log.times), dtype=bool) if log.skipped is None else log.skipped.copy()
+    skipped = ~log.counted
     notes = []
     for name in log.outputs:
         wire = plant.wire[name]
@@ -122,12 +80,14 @@ def without_outliers(log: Log, plant: Plant) -> Log:
     return replace(log, skipped=skipped, notes=(*log.notes, *notes)) if notes else log
 
 
+def told(wire: Wire, value: float) -> str:
+    """Return a value [SI] in the unit that a person reads."""
+    scale, unit = display(wire)
+    return f"{scale * value:.4g} {unit}".rstrip()
+
+
 def _words(wire: Wire, found: Sequence[Outlier]) -> str:
-    unit = wire.display or wire.unit
-    shown = ", ".join(
-        f"row {one.row} by {one.size * factor(wire.unit, unit):.4g} {unit}".strip()
-        for one in found[:NAMED]
-    )
+    shown = ", ".join(f"row {one.row} by {told(wire, one.size)}" for one in found[:NAMED])
     more = f" and {len(found) - NAMED} more" if len(found) > NAMED else ""
     rows = "these rows are" if len(found) > 1 else "this row is"
     return (

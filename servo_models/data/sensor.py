@@ -1,36 +1,292 @@
-"""What a column of readings tells about its sensor: noise, clipping, stale values.
+"""What a sensor does to a reading: its steps, its noise, wild readings, clipping, stale values.
 
-Every function takes the readings of one signal in the order of time, shape (n,), in one unit.
+Every function takes the readings of one signal in the order of time, shape (n,), in one unit, and
+knows nothing else of the log.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Container, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
-from servo_models.core.types import Array
+from servo_models.core.types import Array, Mask
+from servo_models.report.document import Document
 
 ROUNDED = 1e-12  # readings closer than this share of the largest are equal but for rounding
-STILL = 0.01  # share of its range by which a reading at rest may move
-SAME_START = 0.05  # share of its range within which readings at rest begin a repetition alike
-REST_SAMPLES = 5
-"""Samples for which a command must stand still so that its next move begins a repetition."""
-REST_SHARE, REST_PARTS = 0.5, 4
-"""Last part of the stretch before such a move that is compared, and in how many pieces."""
-MOVES = 8.0  # change in noise floors from which a reading moves
-SMALL = 10.0  # percentile of such changes between two samples that is a step of a coarse sensor
-FEW = 20  # moving samples, below which a share of them is chance
-LATE_SAMPLES = 2  # by which stretches of one command may differ in length: it is sampled late
-FAST = 12.0  # speed of a motion, in noise floors a sample
-LEVELS = 2  # levels beside the extremes at which a reading rests that sticks
+INNER = (1.0, 99.0)
+"""Percentiles between which readings count: noise is 4.7 times its floor wide there."""
+
+
+def usual_range(values: Array) -> tuple[float, float]:
+    """Return the range of readings, single wild ones apart."""
+    low, high = np.percentile(values, INNER)
+    return float(low), float(high)
+
+
+def usual_width(values: Array) -> float:
+    """Return the width of that range."""
+    low, high = usual_range(values)
+    return high - low
+
+
+def runs(flags: Mask) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return where runs of True begin, and the row after each."""
+    edges = np.diff(np.concatenate([[0], flags.astype(int), [0]]))
+    return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+
+
+# Steps
+#
+# A step is told where all values of a log lie on a lattice, too well and too many of them for
+# chance, and where a finer lattice would have shown values between.  Logs of one sensor share the
+# step, each with an offset of its own; a log that does not lie on the step of the others is judged
+# by itself.
+# Source: code histogram test, IEEE Std 1241; here the step is unknown, so it is the common divisor
+# of the distances between codes.  Chance: Rissanen, Automatica 14 (1978), two numbers told for each
+# lattice.
+
+ON_STEP = 0.1
+"""Distance from a multiple of the step, in steps, that still is on it: two digits are left."""
+FINEST = 24  # steps that the two closest values are apart at most
+REACHES = tuple(3.0**k for k in range(1, 16))
+"""Distances in steps up to which codes are counted, one after the other: each makes the step known
+to a part of the next."""
+LANDINGS = 10
+"""Values that met codes of twice the step alone: by chance once in a thousand (2**-10)."""
+CODES = 4  # different values that readings take at least: three may be places of rest
+EVEN = 0.2
+"""Changes of speed for each move: fewer are a ramp, whose samples lie as far apart as codes."""
+UNLIKELY = math.log(1e4)  # how much likelier, as a logarithm, a lattice is to be than chance
+RESAMPLED = 0.1
+"""Share of the readings that occur more than once where a resampled log shows its codes."""
+SETTLING = 0.4
+"""Share of the values between codes that are near one: 0.2 of those that lie anywhere.  Above,
+they settle there, and the codes are places of rest."""
+EQUAL = 1e-6  # part of a step that interpolation between two equal readings may leave
+COARSER = 1.5
+"""How much larger codes of repeated readings are than a step of all, if these were resampled."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """The step of one log: ``size`` is 0 where it has none, ``between`` the share of its readings
+    that lie between steps, which is not 0 where they were resampled."""
+
+    size: float
+    between: float = 0.0
+
+
+NO_STEP = Step(0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class _Record:
+    """Values of a log in the order of time, and the different ones in ascending order."""
+
+    values: Array
+    codes: Array
+
+    def residues(self, step: float, values: Array | None = None) -> Array:
+        """Distance of values, else the different ones, from the lattice [steps]."""
+        turns = self.codes / step
+        return _off((turns if values is None else values / step) - phase_of_codes(turns))
+
+    def lies_on(self, step: float) -> bool:
+        return bool(np.max(self.residues(step)) < ON_STEP)
+
+
+def reading_steps(records: Sequence[Array], least: int = CODES) -> list[Step]:
+    """Return the step of each log of one sensor, shapes (n,), in their unit.
+
+    ``least`` is how many different values tell a step.
+    """
+    seen = [_Record(values, _codes(values)[0]) for values in records]
+    often = [_repeated(values) for values in records]
+    sizes = _shared(seen, least)
+    coarse = iter(_shared([one for one in often if one is not None], max(least, LANDINGS)))
+    steps = []
+    for values, size, one in zip(records, sizes, often):
+        rough = next(coarse) if one is not None else 0.0
+        if one is not None and _resampled(one, values, size, rough):
+            off = one.residues(rough, values)
+            steps.append(Step(rough, float(np.mean(off > ON_STEP))))
+        else:
+            steps.append(Step(size))
+    return steps
+
+
+def reading_step(values: Array, least: int = CODES) -> Step:
+    """Return the step of a log by itself, see ``reading_steps``."""
+    return reading_steps([values], least)[0]
+
+
+def phase_of_codes(turns: Array) -> float:
+    """Return where on its step a lattice lies [steps], from readings [steps] on or about it."""
+    return float(np.angle(np.mean(np.exp(2j * np.pi * turns)))) / (2.0 * np.pi)
+
+
+def _codes(values: Array) -> tuple[Array, Array]:
+    """Different values but for rounding, ascending, and how often each occurs."""
+    ordered = np.sort(values)
+    new = np.diff(ordered, prepend=-math.inf) > _slack(values)
+    starts = np.flatnonzero(new)
+    return ordered[starts], np.diff(starts, append=len(values))
+
+
+def _repeated(values: Array) -> _Record | None:
+    """The readings that occur more than once, None for hardly any.
+
+    A sensor without steps hardly gives one twice, and of a file that was resampled they are what
+    the sensor gave.
+    """
+    codes, counts = _codes(values)
+    if counts[counts > 1].sum() < RESAMPLED * len(values):
+        return None
+    codes = codes[counts > 1]
+    near = codes[np.minimum(np.searchsorted(codes, values - _slack(values)), len(codes) - 1)]
+    return _Record(values[np.abs(values - near) <= _slack(values)], codes)
+
+
+def _slack(values: Array) -> float:
+    return ROUNDED * float(np.abs(values).max())
+
+
+def _resampled(often: _Record, values: Array, fine: float, step: float) -> bool:
+    """Whether a log is resampled from codes of the step of its repeated readings.
+
+    Values between codes do not gather near them, as those of a shaft that comes to rest do; and
+    where all lie on a finer step, most are on the codes.
+    """
+    if step <= COARSER * fine:
+        return False
+    off = often.residues(step, values)
+    between = off[off > EQUAL]
+    if not len(between) or np.mean(between < ON_STEP) > SETTLING:
+        return False
+    return fine == 0.0 or len(between) < 0.5 * len(values)
+
+
+def _shared(records: Sequence[_Record], least: int) -> list[float]:
+    """The step of each record, 0 for none: of those on which it lies, the one that most lie on,
+    and of these the largest."""
+    telling = [one for one in records if len(one.codes) > 1]
+    sets = [telling] if len(telling) > 1 else []
+    sizes = {_lattice(chosen, least) for chosen in [*sets, *([one] for one in telling)]} - {0.0}
+    ranked = sorted(
+        sizes, key=lambda size: (sum(one.lies_on(size) for one in telling), size), reverse=True
+    )
+    return [next((size for size in ranked if one.lies_on(size)), 0.0) for one in records]
+
+
+def _lattice(records: Sequence[_Record], least: int) -> float:
+    """The largest step on which all values of all records lie by no chance, 0 for none."""
+    gaps = np.sort(np.concatenate([np.diff(one.codes) for one in records]))
+    for parts in range(1, FINEST + 1):
+        step = _refined(gaps, gaps[0] / parts)
+        if np.max(_off(gaps[: 4 * FINEST] / step)) > 2.0 * ON_STEP:
+            continue
+        step = _line_through_codes(records, step)
+        if _is_no_chance(records, step, least):
+            return step
+    return 0.0
+
+
+def _refined(gaps: Array, step: float) -> float:
+    """A step from all gaps, ascending, the smaller ones first."""
+    for reach in REACHES:
+        near = gaps[: np.searchsorted(gaps, reach * step)]
+        if len(near):
+            step = float(near.sum() / max(np.round(near / step).sum(), 1.0))
+        if len(near) == len(gaps):
+            break
+    return step
+
+
+def _line_through_codes(records: Sequence[_Record], step: float) -> float:
+    """The slope of all codes over their numbers, each record with an offset of its own."""
+    both, own = 0.0, 0.0
+    for one in records:
+        number = np.concatenate([[0.0], np.cumsum(np.round(np.diff(one.codes) / step))])
+        about = number - number.mean()
+        both, own = both + float(about @ (one.codes - one.codes[0])), own + float(about @ about)
+    return both / own if own else step
+
+
+def _is_no_chance(records: Sequence[_Record], step: float, least: int) -> bool:
+    worst, values, landings, bends, travel, reach = 0.0, 0, 0, 0, 0, 1.0
+    for one in records:
+        worst = max(worst, float(np.max(one.residues(step))))
+        values += len(one.codes) - 1
+        moves = np.round(np.diff(one.values) / step)
+        landings += int(np.count_nonzero(np.abs(moves) == 1.0))
+        bends += int(np.count_nonzero(np.diff(moves)))
+        travel += int(np.count_nonzero(moves))
+        reach = max(reach, float(np.ptp(one.codes)) / step)
+    if worst >= ON_STEP or values < least - 1 or values + landings < LANDINGS:
+        return False
+    if bends < EVEN * travel:
+        return False
+    # of the values one is spent on the step; as many steps as codes could have been tried
+    return -(values - 1) * math.log(2.0 * worst + ROUNDED) > math.log(reach) + UNLIKELY
+
+
+def _off(multiples: Array) -> Array:
+    return np.asarray(np.abs(multiples - np.round(multiples)))
+
+
+# Noise
+
 ORDERS = (1, 2, 3)
 DITHERS = 8  # draws of dither: its own scatter is then a third of what one draw adds
 HARMONICS = 50  # of the rounding error's series: a thousandth of a step^2 is left of 1/12
 SPAN = 4
 """Samples over which the speed of a motion is taken: rounding adds a tenth of a step a sample."""
+QUANTUM, REPEATS, RESIDUAL = "reading step", "repeated commands", "fast residual"
+FLAG = 1.0 / math.sqrt(12.0)  # noise floor of a reading that says yes or no: its step is 1
+
+
+class Floor(Document, frozen=True):
+    """Noise floor of an output [SI]: how far readings are from the motion, root mean square.
+
+    A reading is off by noise and, independently, by the rounding to its step: their squares add.
+    Repeats show both together, and count where they show more.
+
+    Attributes:
+        quantum: reading step over the root of 12 (Widrow, Kollar, Quantization Noise, 2008,
+            ch. 5), 0 for none.
+        repeats: spread of the responses to repeated identical commands, None without any.
+        residual: noise before the rounding, from the differences of neighbouring samples.
+    """
+
+    quantum: float
+    repeats: float | None
+    residual: float
+
+    @property
+    def parts(self) -> dict[str, float]:
+        """Each method's figure by name."""
+        return {QUANTUM: self.quantum, REPEATS: self.repeats or 0.0, RESIDUAL: self.residual}
+
+    @property
+    def value(self) -> float:
+        return max(math.hypot(self.quantum, self.residual), self.repeats or 0.0)
+
+    @property
+    def origin(self) -> str:
+        """Name of the method that gave the floor, or most of it."""
+        if self.repeats and self.repeats >= self.value:
+            return REPEATS
+        return QUANTUM if self.quantum >= self.residual else RESIDUAL
+
+
+def median_deviation(values: Array) -> float:
+    """Return the standard deviation of normal noise about 0, from its median size."""
+    return 1.4826 * float(np.median(np.abs(values)))
 
 
 def difference_noise(values: Array) -> float:
@@ -42,11 +298,17 @@ def difference_noise(values: Array) -> float:
     Source: Hall, Kay, Titterington, Biometrika 77 (1990); median: Rousseeuw, Croux, JASA 88
     (1993).
     """
-    estimates = [
-        1.4826 * np.median(np.abs(np.diff(values, order))) / math.sqrt(math.comb(2 * order, order))
+    return min(
+        median_deviation(np.diff(values, order)) / math.sqrt(math.comb(2 * order, order))
         for order in ORDERS
-    ]
-    return float(min(estimates))
+    )
+
+
+def noise_floor(values: Array, step: float, command: Array) -> Floor:
+    """Return the noise floor of readings in a step, 0 for none, of what has moved by a command of
+    shape (n, inputs)."""
+    repeats = spread_of_repeats(values, command)
+    return Floor(step / math.sqrt(12.0), repeats, noise_under_steps(values, step))
 
 
 def noise_under_steps(values: Array, step: float) -> float:
@@ -98,72 +360,14 @@ def _phases_kept(turns: Array) -> Array:
     return np.asarray(np.maximum(np.mean(np.cos(2.0 * np.pi * np.outer(k, speed)), axis=1), 0.0))
 
 
-def stale_share(values: Array, floor: float) -> float:
-    """Return the share of the moving samples that repeat the one before exactly.
+# Responses to the same commands
 
-    A sample counts as moving where its neighbours differ by more than 8 noise floors, and by more
-    than a small jump in each row: a coarse sensor repeats readings as well, but not in fast motion.
-    Of few such samples chance repeats some.
-    """
-    if len(values) < 4:
-        return 0.0
-    jumps = np.abs(np.diff(values))
-    jumps = jumps[jumps > MOVES * floor]
-    small = float(np.percentile(jumps, SMALL)) if len(jumps) else 0.0
-    moving = np.abs(values[3:] - values[:-3]) > max(MOVES * floor, 3.0 * small)
-    same = (values[1:-2] == values[2:-1]) & moving
-    return float(same.sum() / moving.sum()) if moving.sum() >= FEW else 0.0
-
-
-def clipped_share(values: Array, command: Array, floor: float) -> float:
-    """Return the share of samples at which a reading stays at an extreme that it ran into.
-
-    It stays there for three samples or more, came with a speed of over 12 noise floors a
-    sample that would have carried it past, and its command, shape (n, inputs), takes more than one
-    value there; so a shaft that settles is not taken for one that is held.  One that sticks is
-    neither: it rests where its command turns, or at as many other levels while the command moves.
-    """
-    stops = _sudden_stops(values, floor)
-    ends = (values.max(), values.min())
-    at_end = {end: [one for one in stops if _alike(values[one[0]], end)] for end in ends}
-    others = [one for one in stops if not any(_alike(values[one[0]], end) for end in ends)]
-    resting = [values[one[0]] for one in others if np.ptp(command[slice(*one)], axis=0).any()]
-    if len(set(resting)) >= LEVELS and len(resting) >= sum(map(len, at_end.values())):
-        return 0.0
-    held = np.zeros(len(values), dtype=bool)
-    for runs in at_end.values():
-        there = np.zeros(len(values), dtype=bool)
-        for start, stop in runs:
-            there[start:stop] = not _turns(command, start, stop)
-        if there.any() and np.ptp(command[there], axis=0).any():
-            held |= there
-    return float(held.mean())
-
-
-def _sudden_stops(values: Array, floor: float) -> list[tuple[int, int]]:
-    """Stretches (start, stop) of three or more equal readings that the speed before passes by."""
-    same = np.abs(np.diff(values)) <= ROUNDED * np.abs(values[1:])
-    edges = np.diff(np.concatenate([[0], same.astype(int), [0]]))
-    found = []
-    for start, last in zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)):
-        speed = values[start - 1] - values[start - 2] if start > 1 else 0.0
-        past = (values[start - 1] + speed - values[start]) * np.sign(speed) > 0.0
-        if last - start >= 2 and past and abs(speed) > FAST * floor:
-            found.append((int(start), int(last) + 1))
-    return found
-
-
-def _alike(value: float, other: float) -> bool:
-    return bool(abs(value - other) <= ROUNDED * abs(other))
-
-
-def _turns(command: Array, start: int, stop: int) -> bool:
-    """Whether every input that changes in a stretch goes back from where it begins: by no more than
-    it had changed in the samples before does it go on."""
-    before = command[start] - command[max(start - LATE_SAMPLES, 0)]
-    on = np.max((command[start:stop] - command[start]) * np.sign(before), axis=0)
-    changing = np.ptp(command[start:stop], axis=0) > 0.0
-    return bool(changing.any() and np.all((on <= np.abs(before))[changing]))
+STILL = 0.01  # share of its range by which a reading at rest may move
+SAME_START = 0.05  # share of its range within which readings at rest begin a repetition alike
+REST_SAMPLES = 5
+"""Samples for which a command must stand still so that its next move begins a repetition."""
+REST_SHARE, REST_PARTS = 0.5, 4
+"""Last part of the stretch before such a move that is compared, and in how many pieces."""
 
 
 def spread_of_repeats(values: Array, command: Array) -> float | None:
@@ -232,3 +436,125 @@ def _same_commands(
         else:
             groups.append([(start, stop)])
     return [group for group in groups if len(group) > 1]
+
+
+# Wild readings
+
+WINDOW = 5  # readings of a running median; it passes over up to two neighbouring outliers
+APART = 5.0
+"""An outlier is this many times as far from its neighbours as any other reading, or step."""
+LEAST_SHARE = 0.02  # of the range of most readings: less than that harms no fit
+MOST_OUTLIERS_SHARE = 0.01  # of the readings: more of them belong to the signal
+LEAST_OUTLIERS = 5  # readings that may be outliers in a log however short
+
+
+def off_neighbours(values: Array) -> Array:
+    """Return how far readings lie off the running median, shape (n,); 0 where there are few."""
+    if len(values) < WINDOW:
+        return np.zeros(len(values))
+    ends = np.pad(values, WINDOW // 2, mode="edge")
+    windows = np.lib.stride_tricks.sliding_window_view(ends, WINDOW)
+    return np.asarray(values - np.median(windows, axis=1))
+
+
+def outliers(values: Array, excused: Mask | None = None) -> Array:
+    """Return by how much outliers lie off the running median, 0 for all other readings.
+
+    Edges and ramps pass a median of five unharmed (Tukey, Exploratory Data Analysis, 1977,
+    ch. 7), so that what is left is noise, peaks and outliers; these stand out of the rest.
+
+    Args:
+        values: readings in the order of time, shape (n,).
+        excused: where a peak is none, shape (n,).
+
+    Returns:
+        Distances with their sign, shape (n,).
+    """
+    off = off_neighbours(values)
+    if len(values) < WINDOW:
+        return off
+    if excused is not None:
+        off[excused] = 0.0
+    sizes = np.sort(np.abs(off))[::-1]
+    most = min(max(LEAST_OUTLIERS, int(MOST_OUTLIERS_SHARE * len(values))), len(values) - 1)
+    least = max(reading_step(values).size, LEAST_SHARE * usual_width(values) / APART)
+    apart = np.flatnonzero(sizes[:most] > APART * np.maximum(sizes[1 : most + 1], least))
+    bar = sizes[apart[-1]] if len(apart) else np.inf
+    return np.where(np.abs(off) >= bar, off, 0.0)
+
+
+# Readings that stay
+
+MOVES = 8.0  # change in noise floors from which a reading moves
+SMALL = 10.0  # percentile of such changes between two samples that is a step of a coarse sensor
+FEW = 20  # moving samples, below which a share of them is chance
+LATE_SAMPLES = 2  # by which stretches of one command may differ in length: it is sampled late
+FAST = 12.0  # speed of a motion, in noise floors a sample
+LEVELS = 2  # levels beside the extremes at which a reading rests that sticks
+
+
+def stale_share(values: Array, floor: float) -> float:
+    """Return the share of the moving samples that repeat the one before exactly.
+
+    A sample counts as moving where its neighbours differ by more than 8 noise floors, and by more
+    than a small jump in each row: a coarse sensor repeats readings as well, but not in fast motion.
+    Of few such samples chance repeats some.
+    """
+    if len(values) < 4:
+        return 0.0
+    jumps = np.abs(np.diff(values))
+    jumps = jumps[jumps > MOVES * floor]
+    small = float(np.percentile(jumps, SMALL)) if len(jumps) else 0.0
+    moving = np.abs(values[3:] - values[:-3]) > max(MOVES * floor, 3.0 * small)
+    same = (values[1:-2] == values[2:-1]) & moving
+    return float(same.sum() / moving.sum()) if moving.sum() >= FEW else 0.0
+
+
+def clipped_share(values: Array, command: Array, floor: float) -> float:
+    """Return the share of samples at which a reading stays at an extreme that it ran into.
+
+    It stays there for three samples or more, came with a speed of over 12 noise floors a
+    sample that would have carried it past, and its command, shape (n, inputs), takes more than one
+    value there; so a shaft that settles is not taken for one that is held.  One that sticks is
+    neither: it rests where its command turns, or at as many other levels while the command moves.
+    """
+    stops = _sudden_stops(values, floor)
+    ends = (values.max(), values.min())
+    at_end = {end: [one for one in stops if _alike(values[one[0]], end)] for end in ends}
+    others = [one for one in stops if not any(_alike(values[one[0]], end) for end in ends)]
+    resting = [values[one[0]] for one in others if np.ptp(command[slice(*one)], axis=0).any()]
+    if len(set(resting)) >= LEVELS and len(resting) >= sum(map(len, at_end.values())):
+        return 0.0
+    held = np.zeros(len(values), dtype=bool)
+    for runs in at_end.values():
+        there = np.zeros(len(values), dtype=bool)
+        for start, stop in runs:
+            there[start:stop] = not _turns(command, start, stop)
+        if there.any() and np.ptp(command[there], axis=0).any():
+            held |= there
+    return float(held.mean())
+
+
+def _sudden_stops(values: Array, floor: float) -> list[tuple[int, int]]:
+    """Stretches (start, stop) of three or more equal readings that the speed before passes by."""
+    same = np.abs(np.diff(values)) <= ROUNDED * np.abs(values[1:])
+    found = []
+    for start, last in zip(*runs(same)):
+        speed = values[start - 1] - values[start - 2] if start > 1 else 0.0
+        past = (values[start - 1] + speed - values[start]) * np.sign(speed) > 0.0
+        if last - start >= 2 and past and abs(speed) > FAST * floor:
+            found.append((int(start), int(last) + 1))
+    return found
+
+
+def _alike(value: float, other: float) -> bool:
+    return bool(abs(value - other) <= ROUNDED * abs(other))
+
+
+def _turns(command: Array, start: int, stop: int) -> bool:
+    """Whether every input that changes in a stretch goes back from where it begins: by no more than
+    it had changed in the samples before does it go on."""
+    before = command[start] - command[max(start - LATE_SAMPLES, 0)]
+    on = np.max((command[start:stop] - command[start]) * np.sign(before), axis=0)
+    changing = np.ptp(command[start:stop], axis=0) > 0.0
+    return bool(changing.any() and np.all((on <= np.abs(before))[changing]))

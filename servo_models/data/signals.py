@@ -18,7 +18,6 @@ from servo_models.core.simulate import LONGEST_RUN, Model
 from servo_models.core.types import Array, Mask
 from servo_models.data.clock import Grid, dithered, regular, stamped_late
 from servo_models.data.log import Channel, Log, Start
-from servo_models.data.outliers import off_neighbours
 from servo_models.data.readers import Columns
 from servo_models.data.schema import (
     Column,
@@ -31,6 +30,7 @@ from servo_models.data.schema import (
     quantity,
     setting,
 )
+from servo_models.data.sensor import off_neighbours
 from servo_models.errors import UserError
 from servo_models.units import factor, other_units
 

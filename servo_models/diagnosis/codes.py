@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from servo_models.core.types import Array
+from servo_models.data.sensor import phase_of_codes
 
 HISTOGRAM_BINS = 4096
 CODE_FREQUENCIES = 8
@@ -127,8 +128,7 @@ def _line_through_codes(values: Array, step: float) -> tuple[float, float]:
     its standard error."""
     codes, spread, error = np.zeros(len(values)), 0.0, math.inf
     for _ in range(MOST_COUNTS):
-        phase = np.angle(np.mean(np.exp(2j * np.pi * values / step))) / (2.0 * np.pi)
-        before, codes = codes, np.round(values / step - phase)
+        before, codes = codes, np.round(values / step - phase_of_codes(values / step))
         spread = float(np.var(codes))
         if spread == 0.0 or np.array_equal(codes, before):
             break

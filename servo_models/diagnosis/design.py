@@ -33,9 +33,8 @@ from servo_models.analysis.explain import display_unit, in_display_unit
 from servo_models.analysis.isolability import cause, experiment
 from servo_models.core.plant import Plant, Wire
 from servo_models.core.types import Array, Mask
-from servo_models.data.audit import REPEATS
 from servo_models.data.log import Log
-from servo_models.data.sensor import difference_noise, spread_of_repeats
+from servo_models.data.sensor import REPEATS, difference_noise, spread_of_repeats
 from servo_models.data.tables import write_signals
 from servo_models.diagnosis.localisation.samples import moving_input
 from servo_models.diagnosis.search.crossval import dispersion

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servo_models.core.types import Array
-from servo_models.data.audit import RESIDUAL
-from servo_models.data.sensor import difference_noise
+from servo_models.data.sensor import RESIDUAL, difference_noise
 from servo_models.diagnosis.search.crossval import CrossValidation
 from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.diagnosis.search.selection import Selection

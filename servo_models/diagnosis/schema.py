@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar
 
 from msgspec import Meta
 
-from servo_models.data.audit import Floor
+from servo_models.data.sensor import Floor
 from servo_models.diagnosis import verdict
 from servo_models.diagnosis.localisation import Breakdown
 from servo_models.diagnosis.residual_map import WORDS

@@ -115,9 +115,8 @@ def _parts(logs: Sequence[Log]) -> list[tuple[Log, str]]:
     (log,) = seen
     rows = np.flatnonzero(log.fitted)
     early = np.arange(len(log.times)) < rows[len(rows) // 2]
-    none = np.zeros_like(early) if log.skipped is None else log.skipped
     halves = ((~early, "first"), (early, "second"))
-    return [(replace(log, skipped=none | unseen), name) for unseen, name in halves]
+    return [(replace(log, skipped=~log.counted | unseen), name) for unseen, name in halves]
 
 
 def _fitted(

@@ -7,7 +7,8 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from servo_models.analysis.experiment import display
-from servo_models.data.audit import EXACT, REPEATS
+from servo_models.data.audit import EXACT
+from servo_models.data.sensor import REPEATS
 from servo_models.diagnosis.gap import GapSummary, not_followed
 from servo_models.diagnosis.preconditions import imitators
 from servo_models.diagnosis.ranking import undetermined

@@ -17,7 +17,7 @@ from servo_models.analysis.explain import display_scale, display_unit
 from servo_models.core.plant import Parameter
 from servo_models.core.types import Array
 from servo_models.data.audit import audits, noise_floors
-from servo_models.data.outliers import off_neighbours
+from servo_models.data.sensor import off_neighbours
 from servo_models.identification.linear_inference import Spread
 from servo_models.identification.problem import FAR_DEVIATIONS, WIDER_PRIOR, Free, Problem
 from servo_models.identification.result import Doubt, Identification, doubts

@@ -11,9 +11,10 @@ from servo_models.core.plant import unknown
 from servo_models.core.simulate import Model
 from servo_models.core.types import Array
 from servo_models.core.workers import Workers
-from servo_models.data.audit import FLAG, audits, noise_floors, show_motion
+from servo_models.data.audit import audits, noise_floors, show_motion
 from servo_models.data.log import Log
 from servo_models.data.outliers import without_outliers
+from servo_models.data.sensor import FLAG
 from servo_models.errors import UserError, did_you_mean
 from servo_models.identification.doubts import about_errors, is_far, warnings
 from servo_models.identification.linear_inference import spread

@@ -7,8 +7,6 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from servo_models.analysis.explain import is_actuator
 from servo_models.analysis.live import DRIVE, explained, live_model
 from servo_models.core.catalogue import actuators
@@ -17,6 +15,7 @@ from servo_models.data.description import Description, read_description
 from servo_models.data.log import Log
 from servo_models.data.readers import suffixes
 from servo_models.data.scaffold import draft
+from servo_models.data.sensor import runs
 from servo_models.errors import UserError
 from servo_models.files import scratch
 from servo_models.identification.simulation import Run, prepared
@@ -86,13 +85,12 @@ def _run(run: Run, rows: int, sets: Sequence[Mapping[str, float]]) -> LiveRun:
     log, inputs = run.log, run.inputs[-len(run.log.times) :]
     cut = rows < len(log.times)
     held, placed = _beginnings(run, sets)
-    counted = np.ones(len(log.times)) if log.skipped is None else np.where(log.skipped, 0.0, 1.0)
     return LiveRun(
         name=log.name,
         times=encoded(log.times[:rows]),
         inputs=encoded(inputs[:rows].ravel()),
         measured={name: encoded(values[:rows]) for name, values in log.outputs.items()},
-        counted=encoded(counted[:rows]),
+        counted=encoded(log.counted[:rows].astype(float)),
         begin=log.begin,
         settle=log.settle,
         held=held,
@@ -115,9 +113,9 @@ def _beginnings(
 
 def _stretches(log: Log, rows: int) -> Iterator[tuple[str, float, float]]:
     """Parts of a log that a reader may want to see, with the times of the file."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], log.held_out[:rows], [False]])))
-    for k, (first, after) in enumerate(zip(edges[::2], edges[1::2])):
-        name = f"{HELD_OUT} {k + 1}" if len(edges) > 2 else HELD_OUT
+    firsts, afters = runs(log.held_out[:rows])
+    for k, (first, after) in enumerate(zip(firsts, afters)):
+        name = f"{HELD_OUT} {k + 1}" if len(firsts) > 1 else HELD_OUT
         yield name, float(log.stamps[first]), float(log.stamps[after - 1])
 
 

@@ -22,8 +22,9 @@ from servo_models.core.types import Array, Mask
 from servo_models.data.description import Description
 from servo_models.data.log import Channel, Log
 from servo_models.data.mistakes import Mistake
-from servo_models.data.outliers import POSITIONS, outliers
+from servo_models.data.outliers import POSITIONS
 from servo_models.data.schema import named
+from servo_models.data.sensor import outliers
 from servo_models.errors import UserError
 from servo_models.identification.simulation import prepared
 from servo_models.identification.starts import with_starts

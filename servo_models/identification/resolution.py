@@ -30,9 +30,9 @@ from servo_models.core.plant import Plant
 from servo_models.core.simulate import Model
 from servo_models.core.types import Array
 from servo_models.core.workers import ALONE, Workers
-from servo_models.data.audit import lost_rows
+from servo_models.data.clock import lost_rows
 from servo_models.data.log import Log
-from servo_models.data.reading_steps import reading_step
+from servo_models.data.sensor import reading_step
 from servo_models.errors import UserError
 from servo_models.identification.simulation import Run, prepared
 from servo_models.report.numbers import number, with_unit
@@ -146,7 +146,7 @@ def _copies(log: Log, random: np.random.Generator) -> Iterator[tuple[str, str, f
 
 def _column_step(column: Array) -> float:
     """The step in which an input's column is written, 0 for none."""
-    step = reading_step(column).size if np.ptp(column) else 0.0
+    step = reading_step(column).size
     return step if np.ptp(column) > STEPS_IN_RANGE * step else 0.0
 
 

@@ -18,9 +18,11 @@ from servo_models.analysis.sine_test import hold
 from servo_models.core.plant import Plant, Wire
 from servo_models.core.simulate import Model
 from servo_models.core.types import Array, Complex
-from servo_models.data.audit import Audit, Command, Floor, Sampling, audits, noise_floors
+from servo_models.data.audit import Audit, Command, audits, noise_floors
 from servo_models.data.audit import Reading as Measured
+from servo_models.data.clock import Sampling
 from servo_models.data.log import Log
+from servo_models.data.sensor import Floor
 from servo_models.errors import UserError
 from servo_models.identification import document
 from servo_models.identification.check import NOTHING, ROUGHLY, WELL, Check, verdict

@@ -14,13 +14,14 @@ from hypothesis import strategies as st
 
 from servo_models.core.plant import Plant, Wire
 from servo_models.core.types import Array
-from servo_models.data.audit import NO_NOISE, Audit, audit, audits, noise_floors, noise_origins
+from servo_models.data.audit import NO_NOISE, Audit, audits, noise_floors, noise_origins
 from servo_models.data.log import Log
 from servo_models.data.readers import read_columns
-from servo_models.data.reading_steps import NO_STEP, reading_step
 from servo_models.data.sensor import (
+    NO_STEP,
     clipped_share,
     difference_noise,
+    reading_step,
     spread_of_repeats,
     stale_share,
 )
@@ -37,7 +38,7 @@ def log_of(times: Array, u: Array, y: Array, rows: Array | None = None) -> Log:
 
 
 def audited(times: Array, u: Array, y: Array) -> Audit:
-    return audit(log_of(times, u, y), PLANT)
+    return audits([log_of(times, u, y)], PLANT)[0]
 
 
 def said(found: Audit, words: str) -> bool:
@@ -265,7 +266,7 @@ def test_values_between_codes_reject_a_step() -> None:
 def test_a_short_log_has_the_step_of_the_others_of_its_sensor() -> None:
     long = ENCODER * np.round(200.0 * smooth(2000))
     short = ENCODER * np.array([0.3, 7.3, 7.3, 0.3, 19.3, 7.3])
-    alone, rest = audit(channelled(short), PLANT), ENCODER * np.full(50, 0.7)
+    alone, rest = audits([channelled(short)], PLANT)[0], ENCODER * np.full(50, 0.7)
     assert alone.readings[0].step == 0.0
     for found in audits([channelled(y) for y in (long, short, rest)], PLANT):
         assert found.readings[0].step == pytest.approx(ENCODER, rel=1e-6)
@@ -353,7 +354,7 @@ def test_a_switch_is_at_no_limit() -> None:
     """An input of 0 or 1 is always at one of its bounds."""
     t, y = 0.01 * np.arange(500), smooth(500)
     switch = Wire("u", "1", "", low=0.0, high=1.0, flag=True)
-    found = audit(log_of(t, 1.0 * (t > 1.0), y), replace(PLANT, inputs=(switch,)))
+    found = audits([log_of(t, 1.0 * (t > 1.0), y)], replace(PLANT, inputs=(switch,)))[0]
     assert found.commands[0].at_limit == 0.0
     assert not said(found, "limit")
 
@@ -370,7 +371,7 @@ def test_a_clean_log_has_no_warning_and_knows_its_rest() -> None:
 def real(path: Path, time: str | int, scale: float, u: str | int, y: str | int) -> Audit:
     columns = read_columns(path)
     times = scale * columns.numbers(time)
-    return audit(log_of(times, columns.numbers(u), columns.numbers(y)), PLANT)
+    return audits([log_of(times, columns.numbers(u), columns.numbers(y))], PLANT)[0]
 
 
 def test_real_sg90_steps(logs_folder: Path) -> None:
@@ -428,7 +429,7 @@ def test_a_motor_at_speed_is_not_at_rest(plant: Plant, speed: float) -> None:
     noise = 1e-3 * np.random.default_rng(1).standard_normal(4000)
     motion = speed * since if plant is PLANT else speed * -np.expm1(-since / 0.01)
     log = log_of(times, np.where(since > 0.0, 5.0, 0.0), motion + noise)
-    assert audit(log, plant).at_rest == pytest.approx(SWITCHED_ON / 4000, abs=0.02)
+    assert audits([log], plant)[0].at_rest == pytest.approx(SWITCHED_ON / 4000, abs=0.02)
 
 
 def test_short_rests_count_whole() -> None:

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from servo_models.core.plant import Plant, Wire
 from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
-from servo_models.data.audit import audit, audits
+from servo_models.data.audit import audits
 from servo_models.data.clock import dithered
 from servo_models.data.description import Description
 from servo_models.data.readers.columns import Columns, column_of
@@ -224,7 +224,7 @@ def test_a_clock_that_changes_its_pace_has_lost_nothing(
     stamps = np.round(np.cumsum(np.repeat([before, after], rows // 2)))
     assert dithered(stamps, MS) is None
     times = MS * (stamps - stamps[0])
-    found = audit(logs.log_of(times, {"u": times % 0.1}, {"y": times}), GAPPY)
+    found = audits([logs.log_of(times, {"u": times % 0.1}, {"y": times})], GAPPY)[0]
     assert found.sampling.gaps == ()
     assert found.sampling.step == pytest.approx(times[-1] / (rows - 1))
 
@@ -250,7 +250,7 @@ def test_many_lost_rows_of_an_even_clock_are_gaps_and_no_rounding(
     kept = random.uniform(size=1500) > share
     kept[[0, -1]] = True
     times = MS * period * np.flatnonzero(kept)
-    found = audit(logs.log_of(times, {"u": times % 0.1}, {"y": times}), GAPPY)
+    found = audits([logs.log_of(times, {"u": times % 0.1}, {"y": times})], GAPPY)[0]
     lost = int(np.count_nonzero(np.diff(np.flatnonzero(kept)) > 1))
     assert len(found.sampling.gaps) == lost
     assert not found.sampling.rounded
@@ -267,7 +267,7 @@ def test_single_lost_rows_are_found_among_rounded_stamps(first: float, last: flo
     steps = np.diff(stamps)
     assert np.delete(steps, seen).max() < min(steps[seen])  # so that they can be seen at all
     times = MS * (stamps - stamps[0])
-    found = audit(logs.log_of(times, {"u": times % 0.1}, {"y": times}), GAPPY)
+    found = audits([logs.log_of(times, {"u": times % 0.1}, {"y": times})], GAPPY)[0]
     assert found.sampling.rounded
     assert [round(gap.time / MS) for gap in found.sampling.gaps] == list(times[seen] / MS)
 

@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from servo_models.analysis.experiment import in_time
 from servo_models.core.simulate import Model, model
 from servo_models.core.types import Array
-from servo_models.data.audit import REPEATS, RESIDUAL
 from servo_models.data.log import Log
+from servo_models.data.sensor import REPEATS, RESIDUAL
 from servo_models.data.tables import read_inputs
 from servo_models.diagnosis import design
 from servo_models.diagnosis.design import (

@@ -21,8 +21,8 @@ from servo_models.analysis.linear_model import LinearModel
 from servo_models.core.catalogue import actuators
 from servo_models.core.simulate import model, simulate
 from servo_models.core.workers import Workers
-from servo_models.data.audit import Floor
 from servo_models.data.description import read_description
+from servo_models.data.sensor import Floor
 from servo_models.diagnosis import summary
 from servo_models.diagnosis.confirm import Confirmation, confirm
 from servo_models.diagnosis.diagnose import Diagnosis, diagnose

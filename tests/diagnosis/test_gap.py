@@ -11,8 +11,9 @@ import pytest
 
 from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
-from servo_models.data.audit import REPEATS, RESIDUAL, audit, noise_floors
+from servo_models.data.audit import audits, noise_floors
 from servo_models.data.log import Log
+from servo_models.data.sensor import REPEATS, RESIDUAL
 from servo_models.diagnosis.gap import Gap, GapSummary, closed, gaps, whole_gap
 from servo_models.diagnosis.search.crossval import CrossValidation
 from servo_models.diagnosis.search.fitting import Fitter
@@ -74,7 +75,7 @@ def test_a_log_without_noise_has_a_floor_of_motion_alone() -> None:
     times = STEP * np.arange(COUNT)
     angle = {"current": simulate(MODEL, times, {"voltage": jumps})["current"]}
     moved = replace(log(angle), inputs={"voltage": jumps})
-    floors = noise_floors([audit(moved, MODEL.plant)])
+    floors = noise_floors(audits([moved], MODEL.plant))
     nominal = Fitter(MODEL, (moved,), (), floors).unfitted()
     selection = Selection(nominal.evidence, nominal, [], nominal, {})
     (gap,) = gaps(selection, floors, {"current": RESIDUAL}, 0)

@@ -11,7 +11,8 @@ import pytest
 from servo_models.core.simulate import model, simulate
 from servo_models.data.audit import audits
 from servo_models.data.description import read_description
-from servo_models.data.outliers import outliers, outliers_of
+from servo_models.data.outliers import outliers_of
+from servo_models.data.sensor import outliers
 from servo_models.errors import UserError
 from servo_models.identification.identify import identify
 from servo_models.identification.plausibility import (

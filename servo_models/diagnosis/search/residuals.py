@@ -32,7 +32,7 @@ from cachetools import LRUCache, cached
 from servo_models.analysis.statistics import hann, stretch_powers
 from servo_models.core.types import Array
 from servo_models.data.log import Log
-from servo_models.data.reading_steps import reading_step
+from servo_models.data.sensor import reading_step
 from servo_models.diagnosis.codes import loudest
 from servo_models.diagnosis.search.crossval import CrossValidation
 from servo_models.diagnosis.settings import DEFAULT, Settings
@@ -154,7 +154,7 @@ def _codes(log: Log, name: str) -> tuple[float, float]:
 
     Every fit of a diagnosis asks it of the same few records.
     """
-    values = log.outputs[name] if log.skipped is None else log.outputs[name][~log.skipped]
+    values = log.outputs[name][log.counted]
     step = reading_step(values).size
     return step, loudest(values, step)
 
