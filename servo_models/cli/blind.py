@@ -7,15 +7,13 @@ from typing import Annotated
 
 import typer
 
-from servo_models.cli.options import check_outputs
+from servo_models.cli.options import Jobs, Json, Seed, check_outputs, write_result
 
 
 def blind(
     cases: Annotated[int, typer.Option(min=1, help="Number of cases, dealt to the tiers in turn.")],
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the cases.")],
-    json: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write every figure and case (.json).")
-    ] = None,
+    seed: Seed,
+    json: Json = None,
     tiers: Annotated[
         str, typer.Option(metavar="TIER,TIER", help="Tiers to draw from: easy, hard, poor, rough.")
     ] = "easy,hard,poor",
@@ -27,9 +25,7 @@ def blind(
             " folder.",
         ),
     ] = None,
-    jobs: Annotated[
-        int | None, typer.Option(min=1, help="Processes; default: one a processor.")
-    ] = None,
+    jobs: Jobs = None,
 ) -> int:
     """Score the diagnosis on cases whose cause is withheld.
 
@@ -47,7 +43,7 @@ def blind(
     servo-models blind --cases 1800 --seed 7 --folder runs/7 --json blind.json
     """
     from servo_models.cli.console import progress, show
-    from servo_models.files import scratch, write_whole
+    from servo_models.files import scratch
     from studies.withheld.run import Asked, check_tiers, run_blind
 
     check_outputs((json, ".json"))
@@ -60,7 +56,6 @@ def blind(
             lambda seal: print(f"seal of the answers, SHA-256: {seal}", flush=True),
             bar,
         )
-    if json:
-        write_whole(json, f"{done.to_json()}\n".encode())
+    write_result(done, json=json)
     show(done.report())
     return 1 if any(case.said.why for case in done.cases) else 0

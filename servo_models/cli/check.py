@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from servo_models.cli.options import Largest, Trust, complete_actuator
+from servo_models.cli.options import Largest, MadeBy, Trust, file_option
 from servo_models.errors import UserError
 
 
@@ -20,13 +20,9 @@ def check(
         bool, typer.Option("--init", help="Write a first description of a log, to be edited.")
     ] = False,
     out: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Where to write it; default: beside the log, .toml."),
+        Path | None, file_option("Where to write it; default: beside the log, .toml.")
     ] = None,
-    actuator: Annotated[
-        str | None,
-        typer.Option(help="What made the log, see 'list'.", autocompletion=complete_actuator),
-    ] = None,
+    actuator: MadeBy = None,
     trust: Trust = False,
     largest: Largest = None,
 ) -> int:

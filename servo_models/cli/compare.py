@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from datetime import date
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from servo_models.cli.options import Trust, check_outputs
+from servo_models.cli.options import Json, Report, Trust, check_outputs, write_result
 
 
 def compare(
@@ -23,12 +22,8 @@ def compare(
             help="The logs; default: the description that a diagnosis names, beside its file.",
         ),
     ] = None,
-    report: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write a page with a panel (.html).")
-    ] = None,
-    json: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write values and errors in SI (.json).")
-    ] = None,
+    report: Report = None,
+    json: Json = None,
     trust: Trust = False,
 ) -> None:
     """Compare diagnoses and parameter sets on the same logs.
@@ -44,13 +39,9 @@ def compare(
     """
     from servo_models.cli.console import progress, show
     from servo_models.diagnosis.comparison.compare import compare as run
-    from servo_models.files import write_whole
 
     check_outputs((report, ".html"), (json, ".json"), description=on)
     with progress("comparing"):
         found = run(files, on, trust)
-    if report:
-        found.write_report(report, date.today().isoformat())
-    if json:
-        write_whole(json, f"{found.to_json()}\n".encode())
+    write_result(found, json=json, report=report)
     show(found.report())

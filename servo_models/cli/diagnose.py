@@ -10,34 +10,31 @@ from typing import Annotated
 
 import typer
 
-from servo_models.cli.options import Format, Largest, Trust, check_outputs
+from servo_models.cli.options import (
+    Described,
+    Fitted,
+    Format,
+    Jobs,
+    Json,
+    Largest,
+    Printed,
+    Report,
+    Seed,
+    Trust,
+    check_outputs,
+    file_option,
+    write_result,
+)
 from servo_models.errors import UserError
 
 GAP_FOUND = 1
 
 
 def diagnose(
-    description: Annotated[
-        Path, typer.Argument(help="Description of model and logs, see 'check LOG --init'.")
-    ],
-    json: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Write everything as JSON, commands of next experiments beside it (.csv).",
-        ),
-    ] = None,
-    report: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Write a report with pictures (.html), commands beside it as well.",
-        ),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Write the diagnosed model as a parameter file (.toml)."),
-    ] = None,
+    description: Described,
+    json: Json = None,
+    report: Report = None,
+    out: Fitted = None,
     map_: Annotated[
         Path | None,
         typer.Option(
@@ -48,23 +45,18 @@ def diagnose(
     ] = None,
     signals: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Write what was measured, simulated and is left (.csv, .parquet, or .mcap, with a"
-            " layout of PlotJuggler beside it, .xml).",
+        file_option(
+            "Write what was measured, simulated and is left (.csv, .parquet, or .mcap, with a"
+            " layout of PlotJuggler beside it, .xml)."
         ),
     ] = None,
-    format_: Annotated[
-        Format, typer.Option("--format", help="How the result is printed.")
-    ] = Format.TEXT,
+    format_: Printed = Format.TEXT,
     tolerance: Annotated[
         float | None,
         typer.Option(min=0.0, help="Gap in noise floors that counts as none; default 2."),
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of intervals and random commands.")] = 0,
-    jobs: Annotated[
-        int | None, typer.Option(min=1, help="Simulations at once; default: all processors.")
-    ] = None,
+    seed: Seed = 0,
+    jobs: Jobs = None,
     quick: Annotated[
         bool, typer.Option("--quick", help="Stop at the first answer: effects one at a time.")
     ] = False,
@@ -79,7 +71,8 @@ def diagnose(
 
     Nominal parameters are re-tuned inside the uncertainties that the
     description gives; what they leave is explained by effects.  Figures are
-    of stretches that no fit has seen.
+    of stretches that no fit has seen.  Commands of the next experiments are
+    written beside --json and --report (.csv).
 
     A first answer is told on standard error and then refined.  Ctrl-C, or a
     limit, ends the search: the best so far is told and written, with what was
@@ -104,7 +97,6 @@ def diagnose(
     from servo_models.diagnosis.diagnose import diagnose as run
     from servo_models.diagnosis.document import github
     from servo_models.diagnosis.search.selection import FIRST_ANSWER, TOLERANCE
-    from servo_models.files import write_whole
     from servo_models.units import parse
 
     toml = ((out, ".toml"), (map_, ".toml"))
@@ -124,17 +116,14 @@ def diagnose(
 
         rig = read_description(description, trust)
         found = run(rig, allowed, seed, jobs, tell=tell, fmu=True, time_limit=limit, quick=quick)
-        folders = {file.parent for file in (json, report) if file}
+        folders = {path.parent for path in (json, report) if path}
         try:
             bar(0, None, "looking for the next experiment")
             found = found.with_commands(*folders)
         except KeyboardInterrupt:  # the search is over, and nothing of it is to be lost
             found = found.without_next(BY_CTRL_C)
     today = date.today()
-    if json:
-        write_whole(json, f"{found.to_json()}\n".encode())
-    if report:
-        found.write_report(report, today.isoformat())
+    write_result(found, json=json, report=report)
     if out:
         write_parameters(found.parameter_set(today), out)
     if signals:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from servo_models.cli.options import Params, Trust, Variant, complete_name
+from servo_models.cli.options import Params, Trust, Variant, complete_name, file_option
 from servo_models.errors import UserError
 
 
@@ -21,13 +21,9 @@ def explain(
     variant: Variant = None,
     params: Params = None,
     trust: Trust = False,
-    picture: Annotated[
-        Path | None,
-        typer.Option(help="Draw its response to .svg, .png or .pdf.", metavar="FILE"),
-    ] = None,
+    picture: Annotated[Path | None, file_option("Draw its response to .svg, .png or .pdf.")] = None,
     page: Annotated[
-        Path | None,
-        typer.Option(help="Write a page that simulates it in a browser.", metavar="FILE"),
+        Path | None, file_option("Write a page that simulates it in a browser.")
     ] = None,
 ) -> None:
     """Explain an actuator, an effect or a parameter file.

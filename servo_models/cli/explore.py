@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from servo_models.cli.options import Trust, check_outputs, complete_actuator
+from servo_models.cli.options import MadeBy, Trust, check_outputs, complete_actuator, file_option
 
 
 def explore(
@@ -19,13 +19,8 @@ def explore(
             autocompletion=complete_actuator,
         ),
     ] = None,
-    out: Annotated[
-        Path, typer.Option(metavar="FILE", help="The page that is written (.html).")
-    ] = Path("explore.html"),
-    actuator: Annotated[
-        str | None,
-        typer.Option(help="What made a log, see 'list'.", autocompletion=complete_actuator),
-    ] = None,
+    out: Annotated[Path, file_option("The page that is written (.html).")] = Path("explore.html"),
+    actuator: MadeBy = None,
     show: Annotated[bool, typer.Option(help="Open the page in a browser.")] = True,
     trust: Trust = False,
 ) -> None:

@@ -16,6 +16,7 @@ from servo_models.cli.options import (
     assignments,
     chosen_model,
     complete_input,
+    file_option,
 )
 from servo_models.errors import UserError
 
@@ -49,21 +50,13 @@ def figures(
         ),
     ] = None,
     out: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Write figures and A, B, C, D: .json, .mat or .npz."),
+        Path | None, file_option("Write figures and A, B, C, D: .json, .mat or .npz.")
     ] = None,
     plot: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Draw step, gain, phase, poles and zeros to .svg, .png or .pdf.",
-        ),
+        Path | None, file_option("Draw step, gain, phase, poles and zeros to .svg, .png or .pdf.")
     ] = None,
     beside: Annotated[
-        list[Path] | None,
-        typer.Option(
-            metavar="FILE", help="Draw a parameter file beside it (.toml); may be repeated."
-        ),
+        list[Path] | None, file_option("Draw a parameter file beside it (.toml); may be repeated.")
     ] = None,
 ) -> None:
     """Measure slew rate, bandwidth, delay, phase lag; linear state space A, B, C, D.

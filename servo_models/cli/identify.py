@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from servo_models.cli.options import Largest, Trust, check_outputs
+from servo_models.cli.options import (
+    Described,
+    Fitted,
+    Jobs,
+    Largest,
+    Report,
+    Seed,
+    Trust,
+    check_outputs,
+    write_result,
+)
 from servo_models.errors import UserError
 
 NOT_BELIEVABLE = 1
 
 
 def identify(
-    description: Annotated[
-        Path,
-        typer.Argument(help="Description of the files, see 'check LOG --init' for a first one."),
-    ],
+    description: Described,
     free: Annotated[
         str,
         typer.Option(
@@ -30,16 +36,10 @@ def identify(
         str, typer.Option(help="local (least squares) or global (CMA-ES, then least squares).")
     ] = "local",
     starts: Annotated[int, typer.Option(min=1, help="Local searches from different starts.")] = 1,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of those starts and of CMA-ES.")] = 0,
-    jobs: Annotated[
-        int | None, typer.Option(min=1, help="Simulations at once; default: all processors.")
-    ] = None,
-    out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write a parameter file (.toml).")
-    ] = None,
-    report: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write a report (.html).")
-    ] = None,
+    seed: Seed = 0,
+    jobs: Jobs = None,
+    out: Fitted = None,
+    report: Report = None,
     trust: Trust = False,
     largest: Largest = None,
 ) -> int:
@@ -59,8 +59,6 @@ def identify(
     values are not to be believed, which the report then says first, with the
     reason; 2 where it could not run.
     """
-    import datetime
-
     from servo_models.cli.console import progress, show
     from servo_models.data.description import read_description
     from servo_models.identification.identify import identify as run
@@ -76,7 +74,7 @@ def identify(
             found.write_parameters(out)
             written.append(f"parameters: {out}")
         if report:
-            found.write_report(report, datetime.date.today().isoformat())
+            write_result(found, report=report)
             written.append(f"report: {report}")
     finally:
         show(found.report())

@@ -14,6 +14,7 @@ from servo_models.errors import UserError
 
 if TYPE_CHECKING:
     from servo_models.core.simulate import Model
+    from servo_models.report.result import Result
 
 
 class Format(str, Enum):
@@ -124,15 +125,46 @@ def _typed(ctx: typer.Context) -> list[Any]:
     return [all_actuators()[word] for word in words if word in all_actuators()]
 
 
+def write_result(found: Result, *, json: Path | None = None, report: Path | None = None) -> None:
+    """Write the files that ``--json`` and ``--report`` name."""
+    from datetime import date
+
+    from servo_models.files import write_whole
+
+    if json:
+        write_whole(json, f"{found.to_json()}\n".encode())
+    if report:
+        found.write_report(report, date.today().isoformat())
+
+
+def file_option(about: str) -> Any:
+    """Return an option that names a file."""
+    return typer.Option(metavar="FILE", help=about)
+
+
 Actuator = Annotated[
     str | None,
     typer.Argument(
         help="An actuator, see 'list', or your own .py file.", autocompletion=complete_actuator
     ),
 ]
+Described = Annotated[
+    Path, typer.Argument(help="Description of model and logs, see 'check LOG --init'.")
+]
+MadeBy = Annotated[
+    str | None,
+    typer.Option(help="What made a log, see 'list'.", autocompletion=complete_actuator),
+]
 Params = Annotated[
-    Path | None,
-    typer.Option(metavar="FILE", help="Parameter file, .toml, in place of a name and variant."),
+    Path | None, file_option("Parameter file, .toml, in place of a name and variant.")
+]
+Fitted = Annotated[Path | None, file_option("Write the model as a parameter file (.toml).")]
+Json = Annotated[Path | None, file_option("Write every figure, in SI (.json).")]
+Report = Annotated[Path | None, file_option("Write a report with pictures (.html).")]
+Printed = Annotated[Format, typer.Option("--format", help="How the result is printed.")]
+Seed = Annotated[int, typer.Option(min=0, help="Seed of all that is random.")]
+Jobs = Annotated[
+    int | None, typer.Option(min=1, help="Simulations or cases at once; default: one a processor.")
 ]
 
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from servo_models.cli.options import Trust
+from servo_models.cli.options import Seed, Trust, file_option
 
 
 def sample(
@@ -15,13 +15,10 @@ def sample(
         Path, typer.Argument(help="Parameter file of identify or diagnose.", metavar="PARAMS.toml")
     ],
     count: Annotated[int, typer.Option(min=1, help="Number of sets.")] = 1000,
-    seed: Annotated[int, typer.Option(min=0, help="Of the draws.")] = 0,
+    seed: Seed = 0,
     out: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Write the sets in SI: .csv, .json (FMU start values), .ssv (SSP, one a set).",
-        ),
+        file_option("Write the sets in SI: .csv, .json (FMU start values), .ssv (SSP, one a set)."),
     ] = None,
     trust: Trust = False,
 ) -> None:

@@ -17,6 +17,7 @@ from servo_models.cli.options import (
     assignments,
     chosen_model,
     complete_input,
+    file_option,
 )
 from servo_models.errors import UserError
 
@@ -38,21 +39,16 @@ def simulate(
     ] = None,
     inputs: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Inputs over time instead: any file that 'check' reads, with a column 'time' and"
+        file_option(
+            "Inputs over time instead: any file that 'check' reads, with a column 'time' and"
             " columns such as 'voltage' or 'pulse_width \\[us]'; its rows are the communication"
-            " points.",
+            " points."
         ),
     ] = None,
     stop: Annotated[str | None, typer.Option(metavar="TIME", help="End of a step's run.")] = None,
     dt: Annotated[str | None, typer.Option(metavar="TIME", help="Communication step.")] = None,
-    out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write all signals to .csv or .parquet.")
-    ] = None,
-    plot: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Draw all signals to .svg, .png or .pdf.")
-    ] = None,
+    out: Annotated[Path | None, file_option("Write all signals to .csv or .parquet.")] = None,
+    plot: Annotated[Path | None, file_option("Draw all signals to .svg, .png or .pdf.")] = None,
 ) -> int:
     """Simulate a step, or a file of inputs.
 

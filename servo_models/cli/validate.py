@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from servo_models.cli.options import Format, Trust
+from servo_models.cli.options import Format, Printed, Report, Trust, file_option, write_result
 from servo_models.errors import UserError
 from servo_models.validation.host_process import LIMITS, Limits
 
@@ -22,13 +21,11 @@ def validate(
         typer.Argument(metavar="[FMU]...", help="FMUs to validate; default: all actuators."),
     ] = None,
     params: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Parameter file, .toml: validate its FMU as well."),
+        Path | None, file_option("Parameter file, .toml: validate its FMU as well.")
     ] = None,
     trust: Trust = False,
     actuator: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Python file of your own actuator, for its FMU files."),
+        Path | None, file_option("Python file of your own actuator, for its FMU files.")
     ] = None,
     timeout: Annotated[
         float,
@@ -40,16 +37,11 @@ def validate(
     unpacked: Annotated[
         float, typer.Option(metavar="MB", min=1.0, help="Most that an FMU may unpack to.")
     ] = LIMITS.unpacked_megabytes,
-    inputs: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Inputs of any FMU, CSV: time and columns.")
-    ] = None,
+    inputs: Annotated[Path | None, file_option("Inputs of any FMU, CSV: time and columns.")] = None,
     reference: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="What its outputs must be, CSV: time and columns."),
+        Path | None, file_option("What its outputs must be, CSV: time and columns.")
     ] = None,
-    tolerance: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Tolerances by output, .toml.")
-    ] = None,
+    tolerance: Annotated[Path | None, file_option("Tolerances by output, .toml.")] = None,
     step: Annotated[
         str | None,
         typer.Option(
@@ -69,21 +61,12 @@ def validate(
         bool,
         typer.Option("--static-only", help="Look at the files of any FMU; load and run nothing."),
     ] = False,
-    junit: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write the result as JUnit XML.")
-    ] = None,
+    junit: Annotated[Path | None, file_option("Write the result as JUnit XML.")] = None,
     summary: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE", help="Append the verdict in Markdown, as to $GITHUB_STEP_SUMMARY."
-        ),
+        Path | None, file_option("Append the verdict in Markdown, as to $GITHUB_STEP_SUMMARY.")
     ] = None,
-    report: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write a report with pictures, HTML.")
-    ] = None,
-    format_: Annotated[
-        Format, typer.Option("--format", help="How the result is printed.")
-    ] = Format.TEXT,
+    report: Report = None,
+    format_: Printed = Format.TEXT,
     every: Annotated[
         bool, typer.Option("--all", help="Print every figure, not one a case.")
     ] = False,
@@ -122,9 +105,9 @@ def validate(
     from servo_models.validation.any_fmu.static import inspect
     from servo_models.validation.runner import validate as run
 
-    for file in (junit, report, summary):
-        if file:
-            check_writable(file)
+    for path in (junit, report, summary):
+        if path:
+            check_writable(path)
     if actuator and not fmus:
         raise UserError("--actuator tells of what FMU files are: name them as well")
     seconds = _step(step)
@@ -153,8 +136,7 @@ def validate(
         formats.write_junit(result, junit)
     if summary:
         formats.write_summary(result, summary)
-    if report:
-        result.write_report(report, date.today().isoformat())
+    write_result(result, report=report)
     if format_ is Format.JSON:
         print(result.to_json())
     elif format_ is Format.GITHUB:
