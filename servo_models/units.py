@@ -10,6 +10,7 @@ import hashlib
 import math
 import re
 import sys
+from collections.abc import Callable
 from numbers import Real
 from typing import TYPE_CHECKING, Any
 
@@ -182,3 +183,8 @@ def other_units(unit: str, told: str) -> list[tuple[str, float]]:
     except UserError:
         return []
     return [(other, ratio) for other, ratio in factors if not math.isclose(ratio, 1.0)]
+
+
+def fitting_unit(unit: str, told: str, fits: Callable[[float], bool]) -> str | None:
+    """Return the first of ``other_units`` whose factor ``fits``, None where none does."""
+    return next((other for other, ratio in other_units(unit, told) if fits(ratio)), None)

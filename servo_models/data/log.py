@@ -6,6 +6,7 @@ the audit, the identification and the diagnosis only know this.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -33,6 +34,12 @@ class Channel:
     unit: str
     scale: float = 1.0
     offset: float = 0.0
+
+    @property
+    def told(self) -> tuple[float, str]:
+        """What a number of the column is worth by its unit: how many of which, as 0.1 deg."""
+        parts = re.fullmatch(r"([-+]?[\d.]+(?:e[-+]?\d+)?) (.+)", self.unit)
+        return (float(parts[1]), parts[2]) if parts else (1.0, self.unit)
 
 
 @dataclass(frozen=True)

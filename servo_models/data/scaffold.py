@@ -414,7 +414,7 @@ def _is_time(column: Column) -> bool:
 
 def _time_unit(column: Column) -> str:
     step = float(np.median(np.diff(column.values)))
-    return next((u for u in ("s", "ms", "us") if step * factor(u, "s") <= LONGEST_STEP), "ns")
+    return next((u for u in WRITTEN_IN["s"] if step * factor(u, "s") <= LONGEST_STEP), "ns")
 
 
 def _matches(columns: Sequence[Column], made: Draft) -> list[Match]:

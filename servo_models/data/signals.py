@@ -32,7 +32,7 @@ from servo_models.data.schema import (
 )
 from servo_models.data.sensor import off_neighbours
 from servo_models.errors import UserError
-from servo_models.units import factor, other_units
+from servo_models.units import factor, fitting_unit
 
 Read = Callable[[Path, str | None, bool | None], Columns]
 Clocks = Callable[[Columns, str | int, str, bool, float | None], "Clock"]
@@ -471,15 +471,12 @@ def _input(mapped: Mapped, clock: Clock, other: Clock | None, wire: Wire) -> Arr
 
 def _unit_inside(mapped: Mapped, values: Array, wire: Wire) -> str:
     """A unit in which all values [SI] of a column would be inside the bounds, as a clause."""
-    given = mapped.channel.unit.split(" ", 1)[-1]
-    units = [
-        unit
-        for unit, ratio in other_units(wire.unit, given)
-        if not is_outside(ratio * values, wire).any()
-    ]
-    if units:
-        return f": in {units[0]} it would fit"
-    return "; or it is another column: two may be swapped"
+    unit = fitting_unit(
+        wire.unit,
+        mapped.channel.told[1],
+        lambda ratio: not is_outside(ratio * values, wire).any(),
+    )
+    return f": in {unit} it would fit" if unit else "; or it is another column: two may be swapped"
 
 
 def _output(mapped: Mapped, clock: Clock, times: Array, wire: Wire) -> Array:

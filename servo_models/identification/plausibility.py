@@ -28,7 +28,7 @@ from servo_models.data.sensor import outliers
 from servo_models.errors import UserError
 from servo_models.identification.simulation import prepared
 from servo_models.identification.starts import with_starts
-from servo_models.units import factor, other_units, parse
+from servo_models.units import factor, fitting_unit, other_units, parse
 
 TIME = "time"
 UNLIKE = 0.5
@@ -131,17 +131,18 @@ def _about_clock(model: Model, log: Log, answer: float) -> Iterator[str]:
     slow, short = interval > MOST_INTERVAL * answer, log.duration < LEAST_DURATION * answer
     if not (slow or short):
         return
-    units = [
-        unit
-        for unit, ratio in other_units("s", _unit_of(_channel(log, TIME)))
-        if ratio * interval <= answer and ratio * log.duration >= LEAST_DURATION * answer
-    ]
+    told = _channel(log, TIME).told[1]
+    unit = fitting_unit(
+        "s",
+        told,
+        lambda it: it * interval <= answer and it * log.duration >= LEAST_DURATION * answer,
+    )
     lasts = f"is sampled every {interval:.3g} s" if slow else f"lasts {log.duration:.3g} s"
     cure = "no sample shows how it moves: log faster" if slow else "log longer"
-    if units:
-        cure = f'{units[0]} would make sense: give it time.unit = "{units[0]}"'
+    if unit:
+        cure = f'{unit} would make sense: give it time.unit = "{unit}"'
     yield (
-        f"{_column(log, TIME)} is read in {_unit_of(_channel(log, TIME))}, so the log {lasts},"
+        f"{_column(log, TIME)} is read in {told}, so the log {lasts},"
         f" while '{model.actuator.name}' answers a step in {answer:.3g} s; {cure}"
     )
 
@@ -208,13 +209,11 @@ def _about_supply(model: Model, log: Log, wire: Wire, level: float) -> Iterator[
     rest = float(wire.rest)
     if LEAST_SUPPLY * rest <= level <= MOST_SUPPLY * rest:
         return
-    told = _unit_of(log.channels[wire.name]) if wire.name in log.channels else wire.unit
-    units = [
-        unit
-        for unit, ratio in other_units(wire.unit, told)
-        if LEAST_SUPPLY * rest <= ratio * level <= MOST_SUPPLY * rest
-    ]
-    cure = f"read in {units[0]} it would make sense" if units else f"about {rest:g} makes sense"
+    told = log.channels[wire.name].told[1] if wire.name in log.channels else wire.unit
+    unit = fitting_unit(
+        wire.unit, told, lambda it: LEAST_SUPPLY * rest <= it * level <= MOST_SUPPLY * rest
+    )
+    cure = f"read in {unit} it would make sense" if unit else f"about {rest:g} makes sense"
     what = "no motor stands that" if level > rest else "that moves no motor"
     yield (
         f"{_column(log, wire.name)} is {level:.4g} {wire.unit}, {level / rest:.3g} times the"
@@ -300,7 +299,7 @@ def _about_zeros(model: Model, log: Log) -> Iterator[Mistake]:
     }
     for name, misfit in positions.items():
         measured, response = _kept(log, name), simulated[name][_usual(log, name)]
-        off, unit = float(np.median(measured - response)), _unit_of(_channel(log, name))
+        off, unit = float(np.median(measured - response)), _channel(log, name).told[1]
         spread = float(np.std(measured - response))
         least = max(ELSEWHERE * float(np.ptp(response)), STEADY * spread)
         if misfit < UNLIKE and abs(off) > least:
@@ -351,7 +350,7 @@ def _sentence(log: Log, corrections: Sequence[Correction], counts: Sequence[Corr
     texts = [_cure(log, one) for one in ((first, other) if other else (first,))]
     count = next((one for one in counts if one.columns == first.columns and first.unit), None)
     if count:
-        told, unit = _told(_channel(log, count.columns[0]))
+        told, unit = _channel(log, count.columns[0]).told
         size = f"scale = {count.ratio * told:.4g}"
         texts.append(f"{size} in {unit or 'SI'} where its numbers are counts")
     return ", or else ".join(texts) + "; as it stands the log contradicts the model and its scale"
@@ -364,10 +363,10 @@ def _cure(log: Log, one: Correction) -> str:
     if one.unit:
         key = "time.unit" if TIME in one.columns else "unit"
         return (
-            f"{names} {verb} read in {_unit_of(channel)}, but {one.unit} would make sense: give"
+            f"{names} {verb} read in {channel.told[1]}, but {one.unit} would make sense: give"
             f' {them} {key} = "{one.unit}"'
         )
-    told, unit = _told(channel)
+    told, unit = channel.told
     if TIME in one.columns:
         return (
             f"{names} runs about {1.0 / one.ratio:.2g} times too slowly for the model, as the"
@@ -388,23 +387,13 @@ def _channel(log: Log, name: str) -> Channel:
     return log.channels.get(name, Channel(name, name, "s" if name == TIME else ""))
 
 
-def _told(channel: Channel) -> tuple[float, str]:
-    """What a number of a column is worth: how many of which unit."""
-    parts = re.fullmatch(r"([-+]?[\d.]+(?:e[-+]?\d+)?) (.+)", channel.unit)
-    return (float(parts[1]), parts[2]) if parts else (1.0, channel.unit)
-
-
-def _unit_of(channel: Channel) -> str:
-    return _told(channel)[1]
-
-
 def _corrections(
     model: Model, log: Log, now: Mapping[str, float], answer: float
 ) -> Iterator[Correction]:
     """What else the columns could be, the cheap ones first."""
     unlike = [name for name, misfit in now.items() if misfit > UNLIKE]
     every = {
-        name: other_units(model.plant.wire[name].unit, _unit_of(_channel(log, name)))
+        name: other_units(model.plant.wire[name].unit, _channel(log, name).told[1])
         for name in (*log.inputs, *log.outputs)
         if not model.plant.wire[name].flag
     }
@@ -450,7 +439,7 @@ def _other_times(
 ) -> Iterator[Correction]:
     """Shorter ones where the misfit can be seen, longer ones where the log is over at once."""
     step = model.values.get("internal_step", answer)
-    for unit, ratio in other_units("s", _unit_of(_channel(log, TIME))):
+    for unit, ratio in other_units("s", _channel(log, TIME).told[1]):
         shorter = ratio < 1.0 and _mean(now) > SEEN
         longer = ratio > 1.0 and log.duration < BEYOND * answer and _mean(now) > UNLIKE
         if (shorter or longer) and ratio * log.duration < LONGEST * step:
