@@ -31,7 +31,6 @@ from servo_models.diagnosis import summary
 from servo_models.diagnosis.diagnose import Diagnosis, diagnose
 from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.diagnosis.search.selection import TOLERANCE
-from servo_models.diagnosis.stretches import held_out_squares
 from servo_models.diagnosis.verdict import NO_GAP
 from servo_models.files import write_whole
 from studies.known_logs import CASES, MEAN_ABSOLUTE, PAPERS, REAL, ROOT, Bar, Case
@@ -180,7 +179,9 @@ def learnt(found: Diagnosis) -> list[str]:
     sizes = [
         f"{np.sqrt(np.mean(squares)):.3g}"
         for model in (found.selection.taken, one.fitted)
-        if len(squares := np.concatenate([*held_out_squares(model), np.empty(0)]))
+        if len(
+            squares := np.concatenate([*model.problem.held_out_squares(model.values), np.empty(0)])
+        )
     ]
     held = f"; held out by the description: {' -> '.join(sizes)}" if sizes else ""
     return [

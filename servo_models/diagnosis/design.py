@@ -36,7 +36,6 @@ from servo_models.core.types import Array, Mask
 from servo_models.data.log import Log
 from servo_models.data.sensor import REPEATS, difference_noise, spread_of_repeats
 from servo_models.data.tables import write_signals
-from servo_models.diagnosis.localisation.samples import moving_input
 from servo_models.diagnosis.search.crossval import dispersion
 from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.diagnosis.search.residuals import Residuals, sure
@@ -525,7 +524,7 @@ def played(rival: FittedModel, plan: Log) -> Problem:
 
 
 def _limits(problem: Problem) -> tuple[Wire, float, float]:
-    column, low, high = moving_input(problem)
+    column, low, high = problem.moving_input
     model = problem.model
     wire = model.plant.inputs[column]
     name, size = model.actuator.step

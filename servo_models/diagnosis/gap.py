@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from servo_models.core.types import Array
 from servo_models.data.sensor import RESIDUAL, difference_noise
-from servo_models.diagnosis.search.crossval import CrossValidation
+from servo_models.diagnosis.search.crossval import CLEAR, CrossValidation, closed
 from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.diagnosis.search.selection import Selection
 from servo_models.identification.problem import Problem
@@ -20,8 +20,6 @@ DRAWS = 400  # draws of the block bootstrap (Kuensch, Annals of Statistics 17 (1
 SHIFTS, CONVERGED = 30, 0.9999
 """Steps to the equivalent delay at most, and the squared error over that before from which another
 step is none."""
-CLEAR = 0.1
-"""Part of the floor by which an error has to exceed it for a share of the rest to mean anything."""
 
 
 @dataclass(frozen=True)
@@ -170,16 +168,6 @@ def _gap_summary(
 def _interval(values: Array) -> tuple[float, float]:
     low, high = np.quantile(values, (0.025, 0.975))
     return float(low), float(high)
-
-
-def closed(before: float, after: float, floor: float) -> float | None:
-    """Return the share of the reducible gap that is closed, at most 1; None for nothing to reduce.
-
-    Args:
-        before, after, floor: RMS errors, in one unit.
-    """
-    beyond = before - floor
-    return min((before - after) / beyond, 1.0) if beyond > CLEAR * floor else None
 
 
 def _closed(

@@ -9,7 +9,7 @@ import numpy as np
 
 from servo_models.core.types import Array
 from servo_models.diagnosis.calibration import calibrated, doubtful
-from servo_models.diagnosis.gap import closed
+from servo_models.diagnosis.search.crossval import closed
 from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.diagnosis.search.selection import Selection
 from servo_models.diagnosis.signatures import Signature, signature

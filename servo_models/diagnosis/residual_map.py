@@ -25,7 +25,6 @@ from servo_models.core.plant import Plant
 from servo_models.core.types import Array
 from servo_models.diagnosis.search.crossval import Judged, blocks, consistency, cross_validate
 from servo_models.diagnosis.search.fitting import FittedModel, discontinuous_of
-from servo_models.diagnosis.stretches import held_out_squares
 from servo_models.effects.residual_map import CURVES, KNOTS
 from servo_models.identification.linear_inference import linearised
 from servo_models.identification.optimise import descend
@@ -260,7 +259,7 @@ def _learnt(base: FittedModel, name: str, taken: FittedModel) -> ResidualMap | N
 
 def _held_out(found: FittedModel) -> float:
     """Mean squared errors of all samples that the description holds out, 0 where there are none."""
-    squares = np.concatenate([*held_out_squares(found), np.empty(0)])
+    squares = np.concatenate([*found.problem.held_out_squares(found.values), np.empty(0)])
     return float(np.mean(squares)) if len(squares) else 0.0
 
 

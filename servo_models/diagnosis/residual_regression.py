@@ -26,7 +26,6 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from servo_models.core.types import Array
-from servo_models.diagnosis.localisation.samples import moving_input
 from servo_models.diagnosis.settings import DEFAULT, Settings
 from servo_models.identification.problem import Problem
 
@@ -140,7 +139,7 @@ def command_locked(
         errors: that it leaves [noise floors], shape (m,).
         slopes: of the errors over the parameters, shape (m, p).
     """
-    column, _, _ = moving_input(problem)
+    column, _, _ = problem.moving_input
     records, start = [], 0
     for number, run in enumerate(problem.runs):
         log, seen = run.log, run.log.fitted

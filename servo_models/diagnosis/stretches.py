@@ -16,7 +16,6 @@ from itertools import combinations
 
 import numpy as np
 
-from servo_models.core.types import Array
 from servo_models.data.log import Log
 from servo_models.diagnosis.localisation.breakdown import grows
 from servo_models.diagnosis.ranking import Value, estimates
@@ -48,7 +47,8 @@ class HeldOut(Document, frozen=True):
 def held_out_scores(selection: Selection) -> tuple[HeldOut, ...]:
     """Return what the fitted model that was taken does to each log with samples held out."""
     found = []
-    pairs = zip(held_out_squares(selection.retuned), held_out_squares(selection.taken))
+    stages = (selection.retuned, selection.taken)
+    pairs = zip(*(it.problem.held_out_squares(it.values) for it in stages))
     for log, (old, new) in zip(selection.taken.problem.logs, pairs):
         if len(old):
             parts = np.arange(len(old)) * BLOCKS // len(old)
@@ -56,19 +56,6 @@ def held_out_scores(selection: Selection) -> tuple[HeldOut, ...]:
             grown = np.isnan(after) or grows(old, new, np.zeros_like(parts), parts, 1)[0]
             found.append(HeldOut(log.name, retuned, after, bool(grown) and not np.isnan(retuned)))
     return tuple(found)
-
-
-def held_out_squares(found: FittedModel) -> list[Array]:
-    """Return squared errors [noise floors^2] at samples held out, mean of all outputs, by log."""
-    squares = []
-    for run in found.problem.runs:
-        log, columns = run.log, run.outputs_or_nan(found.values).T
-        errors = [
-            (column - measured)[log.checked] / found.problem.sigma[name]
-            for column, (name, measured) in zip(columns, log.outputs.items())
-        ]
-        squares.append(np.mean(np.square(errors), axis=0))
-    return squares
 
 
 @dataclass(frozen=True)

@@ -17,12 +17,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from servo_models.core.types import Array
-from servo_models.diagnosis.gap import closed, not_followed
+from servo_models.diagnosis.gap import not_followed
 from servo_models.diagnosis.residual_regression import (
     NOTHING_TESTED,
     LockedTest,
     command_locked,
 )
+from servo_models.diagnosis.search.crossval import closed
 from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.diagnosis.search.limit_cycle import lacks, unrepeatable
 from servo_models.diagnosis.search.residuals import sure

@@ -10,8 +10,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from threading import Lock
+from weakref import ref
 
 import numpy as np
+from cachetools import LRUCache, cached
 
 from servo_models.core.plant import Parameter, Plant, unknown
 from servo_models.core.simulate import Model
@@ -19,7 +22,6 @@ from servo_models.core.types import Array
 from servo_models.core.workers import ALONE, Workers
 from servo_models.data.log import Log
 from servo_models.errors import UserError
-from servo_models.identification.resolution import nuisances
 from servo_models.identification.simulation import InternalSteps, Run, prepared
 
 DIFFERENCE = 1e-4
@@ -33,6 +35,8 @@ the measured range where that is more than 1: no motion at all leaves less."""
 FAR_DEVIATIONS = 3.0
 """Prior deviations that a fit moves a parameter, from which its prior was too narrow."""
 WIDER_PRIOR = 10.0  # factor on such a prior
+LEAST_SINGULAR = 0.3
+"""Weighted errors by one standard deviation of a direction, below which it is noise."""
 
 
 @dataclass(frozen=True)
@@ -353,3 +357,61 @@ class Problem:
         apart = np.where(ends == starts, 1.0, ends - starts)
         slopes = [(u - d) / apart[i] for i, (u, d) in zip(chosen, pairs)]
         return np.column_stack(slopes) if slopes else np.empty((self.samples, 0))
+
+    @property
+    def moving_input(self) -> tuple[int, float, float]:
+        """Which input is the command, and its least and largest value [SI].
+
+        It is the actuator's main one.  Where that never moves, it is the one that moves most for
+        its scale; one that says yes or no is none.
+        """
+        inputs = np.vstack([run.inputs for run in self.runs])
+        low, high = inputs.min(axis=0), inputs.max(axis=0)
+        wires, main = self.model.plant.inputs, self.model.actuator.step[0]
+        reach = [
+            0.0 if wire.flag else np.inf if wire.name == main and span else span / wire.scale
+            for wire, span in zip(wires, high - low)
+        ]
+        column = int(np.argmax(reach))
+        return column, float(low[column]), float(high[column])
+
+    def held_out_squares(self, values: Mapping[str, float]) -> list[Array]:
+        """Return squared errors [noise floors^2] with these values [SI] at samples held out, mean
+        of all outputs, by log."""
+        squares = []
+        for run in self.runs:
+            log, columns = run.log, run.outputs_or_nan(values).T
+            errors = [
+                (column - measured)[log.checked] / self.sigma[name]
+                for column, (name, measured) in zip(columns, log.outputs.items())
+            ]
+            squares.append(np.mean(np.square(errors), axis=0))
+        return squares
+
+
+# Inputs that are not known for sure, as part of the covariance of all weighted errors.
+# Source: Rasmussen, Williams, Gaussian Processes for Machine Learning (2006), sec. 2.7 (linear
+# nuisance terms).
+
+
+def log_determinant(logs: Iterable[Log], sigma: Mapping[str, float]) -> float:
+    """Return the logarithm of the determinant of the covariance of all weighted errors: what it
+    costs to be unsure."""
+    pairs = ((log, tuple(sigma[name] for name in log.outputs)) for log in logs if log.unsure)
+    return float(sum(-2.0 * np.sum(np.log1p(-nuisances(*pair)[1])) for pair in pairs))
+
+
+@cached(LRUCache(64), key=lambda log, sigma: (ref(log), sigma), lock=Lock())
+def nuisances(log: Log, sigma: tuple[float, ...]) -> tuple[Array, Array]:
+    """Return directions of weighted errors in which unsure inputs may have moved them, shape
+    (m, k), and by which share the covariance takes each away, shape (k,).
+
+    Args:
+        log: with ``unsure``.
+        sigma: weight [SI] of each of its outputs.
+    """
+    assert log.unsure
+    spread = [log.unsure[name][log.fitted] / size for name, size in zip(log.outputs, sigma)]
+    left, singular, _ = np.linalg.svd(np.concatenate(spread), full_matrices=False)
+    seen = singular > LEAST_SINGULAR
+    return left[:, seen], 1.0 - 1.0 / np.sqrt(1.0 + singular[seen] ** 2)

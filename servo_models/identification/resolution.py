@@ -7,22 +7,18 @@ step to a large angle.
 Where rows are missing, a command may have changed any time before the next row, and what follows is
 another motion.  The difference that it makes if it changed at once is simulated, one for each
 change; how much of it is there is anything from none to all.  So is what the steps of a column do,
-block by block, where that is more than noise.  Errors are weighed by the inverse of the covariance
-that both give them.
-Sources: JCGM 101 (2008), Supplement 1 to the GUM (uncertainty of inputs carried to outputs by
-simulation of draws); Rasmussen, Williams, Gaussian Processes for Machine Learning (2006), sec. 2.7
-(linear nuisance terms as part of the covariance).
+block by block, where that is more than noise.  ``problem`` weighs errors by the inverse of the
+covariance that both give them.
+Source: JCGM 101 (2008), Supplement 1 to the GUM (uncertainty of inputs carried to outputs by
+simulation of draws).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from threading import Lock
-from weakref import ref
 
 import numpy as np
-from cachetools import LRUCache, cached
 from numpy.typing import NDArray
 
 from servo_models.analysis.experiment import display, in_time
@@ -53,8 +49,6 @@ MATTERS = 0.3  # movement by it [noise floors] from which it does
 BLOCKS_PER_FLOOR, LEAST_BLOCKS, MOST_BLOCKS = 6.0, 20, 400
 """Of rows, in each of which values are off by their steps on average, for each noise floor of that
 movement: what they are off within a block is noise then."""
-LEAST_SINGULAR = 0.3
-"""Weighted errors by one standard deviation of a direction, below which it is noise."""
 
 
 @dataclass(frozen=True)
@@ -319,26 +313,3 @@ def _block_by_block(log: Log, name: str, step: float, count: int) -> Iterator[tu
         off[rows] += step
         held = 1 + np.count_nonzero(np.diff(column[rows]))
         yield replace(log, inputs={**log.inputs, name: off}), 1.0 / np.sqrt(12.0 * held)
-
-
-def log_determinant(logs: Iterable[Log], sigma: Mapping[str, float]) -> float:
-    """Return the logarithm of the determinant of the covariance of all weighted errors: what it
-    costs to be unsure."""
-    pairs = ((log, tuple(sigma[name] for name in log.outputs)) for log in logs if log.unsure)
-    return float(sum(-2.0 * np.sum(np.log1p(-nuisances(*pair)[1])) for pair in pairs))
-
-
-@cached(LRUCache(64), key=lambda log, sigma: (ref(log), sigma), lock=Lock())
-def nuisances(log: Log, sigma: tuple[float, ...]) -> tuple[Array, Array]:
-    """Return directions of weighted errors in which unsure inputs may have moved them, shape
-    (m, k), and by which share the covariance takes each away, shape (k,).
-
-    Args:
-        log: with ``unsure``.
-        sigma: weight [SI] of each of its outputs.
-    """
-    assert log.unsure
-    spread = [log.unsure[name][log.fitted] / size for name, size in zip(log.outputs, sigma)]
-    left, singular, _ = np.linalg.svd(np.concatenate(spread), full_matrices=False)
-    seen = singular > LEAST_SINGULAR
-    return left[:, seen], 1.0 - 1.0 / np.sqrt(1.0 + singular[seen] ** 2)

@@ -14,8 +14,8 @@ from servo_models.core.types import Array
 from servo_models.data.audit import audits, noise_floors
 from servo_models.data.log import Log
 from servo_models.data.sensor import REPEATS, RESIDUAL
-from servo_models.diagnosis.gap import Gap, GapSummary, closed, gaps, whole_gap
-from servo_models.diagnosis.search.crossval import CrossValidation
+from servo_models.diagnosis.gap import Gap, GapSummary, gaps, whole_gap
+from servo_models.diagnosis.search.crossval import CrossValidation, closed
 from servo_models.diagnosis.search.fitting import Fitter
 from servo_models.diagnosis.search.selection import Selection
 from servo_models.identification.problem import free_parameter

@@ -21,7 +21,6 @@ from servo_models.diagnosis.localisation import Bin, Breakdown, localise
 from servo_models.diagnosis.localisation.breakdown import plain
 from servo_models.diagnosis.localisation.open_loop import by_block, opened
 from servo_models.diagnosis.localisation.regimes import _between, _digits
-from servo_models.diagnosis.localisation.samples import moving_input
 from servo_models.diagnosis.search.crossval import CrossValidation, blocks
 from servo_models.diagnosis.search.fitting import FittedModel, Fitter
 from servo_models.diagnosis.search.selection import Selection
@@ -230,7 +229,7 @@ def test_the_command_is_the_actuators_main_input() -> None:
 
 def command_of(chosen: Model, inputs: Mapping[str, Array]) -> tuple[str, float, float]:
     log = replace(measured({"angle": clean()["angle"]}), inputs=inputs)
-    column, low, high = moving_input(Problem(chosen, [log], []))
+    column, low, high = Problem(chosen, [log], []).moving_input
     return chosen.plant.inputs[column].name, low, high
 
 

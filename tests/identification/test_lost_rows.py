@@ -12,8 +12,8 @@ from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
 from servo_models.data.log import Log
 from servo_models.identification.fit import fit
-from servo_models.identification.problem import Problem
-from servo_models.identification.resolution import nuisances, with_unsure_inputs
+from servo_models.identification.problem import Problem, nuisances
+from servo_models.identification.resolution import with_unsure_inputs
 from tests.support.logs import log_of
 
 PERIOD, NOISE = 2e-3, 1e-3

@@ -11,7 +11,7 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from servo_models.core.types import Array
-from servo_models.diagnosis.gap import closed
+from servo_models.diagnosis.search.crossval import closed
 from servo_models.report.document import Document, Unbounded
 
 Rows = NDArray[np.int64]

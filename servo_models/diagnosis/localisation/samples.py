@@ -15,7 +15,6 @@ from servo_models.core.types import Array
 from servo_models.data.log import Log
 from servo_models.diagnosis.localisation.breakdown import Rows
 from servo_models.diagnosis.search.selection import Selection
-from servo_models.identification.problem import Problem
 from servo_models.identification.simulation import Run
 
 STILL = 0.003  # speed over the largest one of a log up to which nothing moves
@@ -87,7 +86,7 @@ def collect(selection: Selection) -> Samples:
     problem = selection.taken.problem
     plant, values = problem.model.plant, selection.taken.values
     names = tuple(problem.sigma)
-    column, low, high = moving_input(problem)
+    column, low, high = problem.moving_input
     stretches: list[Stretch] = []
     found: list[tuple[Array, ...]] = []
     gaps: list[Array] = []
@@ -143,23 +142,6 @@ def _motion(
     moves = _moves(command, reach)
     around = _around(times, turns)
     return moves, np.diff(turns), (_amplitude(command, moves), position, speed, *around)
-
-
-def moving_input(problem: Problem) -> tuple[int, float, float]:
-    """Which input is the command, and its least and largest value [SI].
-
-    It is the actuator's main one.  Where that never moves, it is the one that moves most for its
-    scale; one that says yes or no is none.
-    """
-    inputs = np.vstack([run.inputs for run in problem.runs])
-    low, high = inputs.min(axis=0), inputs.max(axis=0)
-    wires, main = problem.model.plant.inputs, problem.model.actuator.step[0]
-    reach = [
-        0.0 if wire.flag else np.inf if wire.name == main and span else span / wire.scale
-        for wire, span in zip(wires, high - low)
-    ]
-    column = int(np.argmax(reach))
-    return column, float(low[column]), float(high[column])
 
 
 def _speed(times: Array, position: Array) -> Array:

@@ -28,6 +28,8 @@ LARGEST_CHANGE_OVER_ERRORS = 1.0
 """Largest change of a block's errors, relative to them, that slopes are trusted with."""
 LEAST_LOSS_OVER_LARGEST = 1e-12
 """Errors of a block, relative to the largest, below which they are none."""
+CLEAR = 0.1
+"""Part of the floor by which an error has to exceed it for a share of the rest to mean anything."""
 SIGN_DRAWS = 999  # signs at random that a sum over blocks is compared with
 
 
@@ -170,3 +172,13 @@ def signed_rank(values: Array) -> float:
         without = np.zeros(rank)
         chances = 0.5 * (np.append(chances, without) + np.append(without, chances))
     return float(chances[doubled[values > 0.0].sum() :].sum())
+
+
+def closed(before: float, after: float, floor: float) -> float | None:
+    """Return the share of the reducible gap that is closed, at most 1; None for nothing to reduce.
+
+    Args:
+        before, after, floor: RMS errors, in one unit.
+    """
+    beyond = before - floor
+    return min((before - after) / beyond, 1.0) if beyond > CLEAR * floor else None

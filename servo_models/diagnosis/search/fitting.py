@@ -36,13 +36,8 @@ from servo_models.identification.linear_inference import (
     spread,
 )
 from servo_models.identification.optimise import along_valley, descend, steps
-from servo_models.identification.problem import DIFFERENCE, Free, Problem
-from servo_models.identification.resolution import (
-    ROW,
-    blurs,
-    log_determinant,
-    with_unsure_inputs,
-)
+from servo_models.identification.problem import DIFFERENCE, Free, Problem, log_determinant
+from servo_models.identification.resolution import ROW, blurs, with_unsure_inputs
 from servo_models.identification.simulation import InternalSteps
 
 WIDER = "wider priors"  # a cause beside the effects: what is believed of some parameters is wrong
