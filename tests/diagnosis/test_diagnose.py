@@ -30,7 +30,7 @@ from servo_models.diagnosis.gap import gaps, whole_gap
 from servo_models.diagnosis.preconditions import slowest_time_constant
 from servo_models.diagnosis.search.crossval import CrossValidation, blocks
 from servo_models.diagnosis.search.selection import FIRST_ANSWER
-from servo_models.diagnosis.stretches import HeldOut
+from servo_models.diagnosis.stretches import HeldOut, held_out_scores
 from servo_models.diagnosis.verdict import Verdict, decide
 from servo_models.errors import UserError
 from servo_models.identification.problem import Problem
@@ -139,8 +139,9 @@ def test_a_held_out_log_that_is_missed_is_part_of_the_verdict(
         replace(one, problem=Problem(found.model, [log, other], one.problem.free, found.floors))
         for one in (selection.taken, selection.retuned)
     )
+    selection = replace(selection, taken=both, retuned=alone)
     told = replace(
-        found, selection=replace(selection, taken=both, retuned=alone), logs=(log, other)
+        found, selection=selection, logs=(log, other), held_out=held_out_scores(selection)
     )
     (missed,) = told.held_out
     assert missed.after > 3.0 * told.gap.rms["after"]
