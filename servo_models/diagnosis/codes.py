@@ -18,23 +18,18 @@ import numpy as np
 from servo_models.core.types import Array
 from servo_models.data.sensor import phase_of_codes
 
-HISTOGRAM_BINS = 4096
-CODE_FREQUENCIES = 8
-"""At which the characteristic function is known, for each code in the range of a reading."""
-FEWEST_CODES = 1.5  # in that range, for a histogram to show them
-MOST_CODES = 600
-MULTIPLE_RELATIVE_ERROR = 0.03  # of a frequency that is still a multiple of a peak's
-HIGH_OVER_HIGHEST = 0.9  # height of a peak that is as high as the highest
-SHARP_HEIGHT = 0.95  # of a peak from which values lie on codes without noise
-MOST_STEPS = 4
-"""Taken from a code histogram: of a reading that is rounded itself, one is its own, and places
-where an actuator rests make others of a few codes."""
+HISTOGRAM_BINS = 4096  # bins over the range of a reading
+CODE_FREQUENCIES = 8  # frequencies of the characteristic function per code in the range
+FEWEST_CODES = 1.5  # codes in the range of a reading from which a histogram shows them
+MOST_CODES = 600  # codes in the range up to which it does
+MULTIPLE_RELATIVE_ERROR = 0.03  # relative error up to which a frequency is a multiple of a peak's
+HIGH_OVER_HIGHEST = 0.9  # height over the highest peak from which a peak is as high
+SHARP_HEIGHT = 0.95  # height of a peak from which values lie on codes without noise
+MOST_STEPS = 4  # steps taken from a histogram: rounding and places of rest make some more
 MOST_COUNTS = 20  # times that codes are counted, along the line through those before
-NOISE_MEMORY_SAMPLES = 5.0
-"""Of so many samples of noise one is independent: half of the memory that the diagnosis allows."""
-LOG_RARITY = 4.0
-"""Natural logarithm of how much rarer than once in all frequencies a peak by chance may be."""
-FAINT_HEIGHT = 0.05  # below which a peak tells nothing of the noise
+NOISE_MEMORY_SAMPLES = 5.0  # noise samples per independent one, half of what a diagnosis allows
+LOG_RARITY = 4.0  # natural log of 1 / probability of such a peak by chance, at any frequency
+FAINT_HEIGHT = 0.05  # height below which a peak tells nothing of the noise
 
 
 class Step(NamedTuple):

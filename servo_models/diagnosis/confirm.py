@@ -20,7 +20,7 @@ from servo_models.validation.host_process import Limits
 from servo_models.validation.implementation import LIMIT, difference
 
 OWN = Limits(seconds=1e6, megabytes=1e5)
-"""No limits to speak of: the FMU is our own, and a log may be long."""
+"""No limits to speak of: the FMU is our own, a log may be long."""
 
 
 @dataclass(frozen=True)

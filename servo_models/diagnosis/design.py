@@ -44,12 +44,12 @@ from servo_models.errors import UserError
 from servo_models.identification.problem import Problem
 from servo_models.report.numbers import listed
 
-TELLING = 0.3  # noise floors RMS: less tells nothing where models are a little wrong
-TELLING_ODDS = 100.0  # expected of a log, for the right one of two explanations
-MOST = 6  # likeliest explanations that a command is designed for
-SIZES = (1.0, 0.3, 0.1, 0.03)  # over the largest: where the search begins
-PACES = (0.02, 0.06, 0.2, 0.6)  # over the response time: where the search begins
-SMALLEST = 0.02  # step of a ladder over its largest
+TELLING = 0.3  # RMS [noise floors] of a difference that tells: less may be a model's inaccuracy
+TELLING_ODDS = 100.0  # odds of the right one of two explanations that a log is expected to give
+MOST = 6  # explanations, the likeliest, that a command is designed for
+SIZES = (1.0, 0.3, 0.1, 0.03)  # sizes over the largest at which the search begins
+PACES = (0.02, 0.06, 0.2, 0.6)  # paces over the response time at which the search begins
+SMALLEST = 0.02  # least step of a ladder over its largest
 
 
 # The result

@@ -17,9 +17,8 @@ from servo_models.identification.problem import Problem
 
 STAGES = ("before", "retuned", "after")
 DRAWS = 400  # draws of the block bootstrap (Kuensch, Annals of Statistics 17 (1989))
-SHIFTS, CONVERGED = 30, 0.9999
-"""Steps to the equivalent delay at most, and the squared error over that before from which another
-step is none."""
+SHIFTS = 30  # most steps to the equivalent delay
+CONVERGED = 0.9999  # squared error over that before from which another step is none
 
 
 @dataclass(frozen=True)

@@ -33,25 +33,23 @@ from servo_models.identification.problem import DIFFERENCE, Free, Problem
 SIZES = ("torque", "drive", "reading")  # keys of the sizes that say on which wire the map acts
 PROBE_IN_FULL_SCALES = 1e-3  # first size of which the response is simulated
 PROBE_IN_FLOORS = 1.0  # RMS change of the response by the size over which slopes are taken
-LARGEST_PROBE_IN_FULL_SCALES = 0.1
+LARGEST_PROBE_IN_FULL_SCALES = 0.1  # largest size of which it is simulated
 PENALTIES = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1)
-"""On squared second differences, tried in turn, over the mean square of what a knot does."""
-DEPENDENT = 1e-12
-"""Share of its square that is added to that of each slope: slopes that are alike share a step."""
-LEVEL_PENALTY = 1e-3
-"""Weight of squared first differences, over that of second ones: a curve is level without data."""
-SMALL_PENALTY = 1e-4  # the same of squared values: what parameters can do as well goes to them
-LEAST_RANGE = 1e-6  # of what a curve is of, in full scales: below it does not move
+"""Weights of squared second differences over the mean square of a knot's effect."""
+DEPENDENT = 1e-12  # ridge over the square of each slope: slopes that are alike share a step
+LEVEL_PENALTY = 1e-3  # weight of first differences over that of second ones: level without data
+SMALL_PENALTY = 1e-4  # weight of values over the same: what parameters can do goes to them
+LEAST_RANGE = 1e-6  # range of a regressor in full scales below which it does not move
 LEAST_GAIN = 0.05  # share of the unseen squared errors that one more curve has to take away
-SURE = 0.02  # probability by chance of so many blocks in favour, at most
-BOTH_SIDES = 0.2  # of the largest value, up to which a curve goes on both sides of 0 at least
+SURE = 0.02  # largest probability of so many blocks in favour by chance
+BOTH_SIDES = 0.2  # least reach to either side of 0 over the larger one, for a power to be tried
 POWERS = {
     1.0: "grows in proportion to",
     2.0: "grows with the square of",
     3.0: "grows with the cube of",
 }
 PROPORTION, *BENT = POWERS
-POWER_TERMS = 4  # of a higher power: two sides, a line and a constant
+POWER_TERMS = 4  # terms of a higher power: two sides, a line and a constant
 WORDS = {
     "rate": "the rate",
     "position": "the position",
@@ -60,15 +58,13 @@ WORDS = {
     "reversal": "the time since reversal",
 }
 SIMPLE = 0.97  # share of the variance of a curve from which a simple function is named
-LEAST_BEND = 0.005
-"""Share of the variance of a curve that a proportion leaves, from which it is seen to bend."""
+LEAST_BEND = 0.005  # share of the variance left by a proportion from which a curve is seen to bend
 NOTHING = 0.1  # slope over that of the other side up to which it is none
 EQUAL = 0.2  # relative difference of two slopes up to which they are the same
-FIT_TOLERANCE = 1e-4  # of the cost
-FIT_STEPS = 5
-KNOT_WIDTH_IN_PROBES = 0.5  # over which slopes of a fit are taken
-FIRST_STEPS = (0.0, 0.25, 0.5, 1.0)
-"""Parts of the step that slopes promise, the best of which begins a fit."""
+FIT_TOLERANCE = 1e-4  # relative decrease of the cost that ends a fit
+FIT_STEPS = 5  # least-squares steps of a fit
+KNOT_WIDTH_IN_PROBES = 0.5  # width over which slopes of a fit are taken
+FIRST_STEPS = (0.0, 0.25, 0.5, 1.0)  # parts of the linear step, the best of which begins a fit
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,22 +30,15 @@ from servo_models.diagnosis.settings import DEFAULT, Settings
 from servo_models.identification.problem import Problem
 
 SHIFTS = 499  # shifts of the errors that the regression is compared with
-LEAST_SHIFT = 0.05  # share of a log by which its errors are shifted at least, either way round
-LEAST_SAMPLES = 128
-"""Of an output, all logs together, that is tested: of fewer the colour is hardly known."""
-ORDER = 2
-"""Of the autoregression that whitens errors: noise of one memory, and a reading step beside it.  It
-is that of the errors as they are: what a regression leaves of them looks too white."""
-RIDGE = 1.0
-"""Of the test, where each function has length 1: directions that hardly any function has do
-not count, since noise fits them as well as any other."""
+LEAST_SHIFT = 0.05  # least shift of errors over the length of a log, either way round
+LEAST_SAMPLES = 128  # samples of an output in all logs, below which the colour is hardly known
+ORDER = 2  # order of the autoregression that whitens errors: a memory of noise, and a reading step
+RIDGE = 1.0  # ridge on functions of length 1: directions that hardly any of them has do not count
 STILL = 0.01  # rate over the largest of its log up to which nothing moves
 FADING_IN_TIME_SCALES = (1.0, 4.0)
-"""Within which errors after a reversal or a change of the command fade; a time scale of the motion
-is its RMS rate over its RMS acceleration."""
-LONGEST_TIME_SCALE = 0.05
-"""Of the motion, as a share of the log: a longer one is not seen often enough."""
-DEPENDENT = 1e-6  # part of a function that is its own, below which slopes can do all of it
+"""Time constants of errors after a reversal, or a change of the command."""
+LONGEST_TIME_SCALE = 0.05  # share of a log up to which a time scale is seen often enough
+DEPENDENT = 1e-6  # independent part of a function, relative, below which slopes can do all of it
 FORCES = (
     "position^2",
     "position^3",

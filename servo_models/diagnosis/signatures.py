@@ -25,18 +25,17 @@ from servo_models.diagnosis.codes import FEWEST_CODES, MOST_CODES, NOISE_MEMORY_
 from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.identification.simulation import prepared
 
-DOUBTFUL_PROBABILITY = 0.05
-"""Probability of as much by chance, above which a detector confirms nothing."""
+DOUBTFUL_PROBABILITY = 0.05  # probability by chance above which a detector confirms nothing
 LEAST_TOLD_PROBABILITY = 1e-3  # probability below which the number itself says no more
-ROUNDING_IN_STEPS = 1e-6  # part of a step that is none, where a reading moves by exactly one
-LEAST_ROWS_AT_REST = 5  # of a command, before a step of it and after
-LEAST_STEPS = 4  # of a command, to tell a clock from chance
-MOVES_IN_A_PERIOD = 12  # by which commands are moved, to find when they are answered
-PERIODS_SOONER = 0.5
-PERIODS_LATER = 1.5
-RANDOM_ORDERS = 1999  # that answers are compared with
-HEIGHT_ROUNDING = 1e-9  # what rounding makes of equal heights
-LEAST_ROWS_IN_A_PERIOD = 2.0  # with less, a log is too coarse to tell when a step is answered
+ROUNDING_IN_STEPS = 1e-6  # part of a step that is rounding, where a reading moves by exactly one
+LEAST_ROWS_AT_REST = 5  # rows of rest before a step of a command, and after
+LEAST_STEPS = 4  # steps of a command from which a clock is told from chance
+MOVES_IN_A_PERIOD = 12  # moves of a command per period, to find when it is answered
+PERIODS_SOONER = 0.5  # largest move ahead
+PERIODS_LATER = 1.5  # largest move back
+RANDOM_ORDERS = 1999  # random orders that answers are compared with
+HEIGHT_ROUNDING = 1e-9  # difference of equal heights by rounding
+LEAST_ROWS_IN_A_PERIOD = 2.0  # rows below which a log is too coarse to tell when a step is answered
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ from servo_models.diagnosis.search.limit_cycle import lacks
 from servo_models.diagnosis.search.selection import Selection
 from servo_models.report.document import Document, Unbounded
 
-APART_ERRORS = 5.0  # combined standard errors between two parts, from which a parameter has changed
+APART_ERRORS = 5.0  # combined standard errors between parts beyond which a parameter has changed
 
 
 class HeldOut(Document, frozen=True):

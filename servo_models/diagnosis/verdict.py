@@ -36,7 +36,7 @@ EFFECTS = "effects"
 OUTSIDE = "outside-catalogue"
 NOT_IDENTIFIABLE = "not-identifiable"
 
-DRAWS = 400  # of blocks with replacement, over which weights are averaged
+DRAWS = 400  # bootstrap draws of blocks over which weights are averaged
 
 
 @dataclass(frozen=True, eq=False)

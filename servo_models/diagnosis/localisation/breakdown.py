@@ -16,13 +16,11 @@ from servo_models.report.document import Document, Unbounded
 
 Rows = NDArray[np.int64]
 
-MOVING = 3.0  # local amplitude in noise floors from which a relative error says something
+MOVING = 3.0  # local amplitude [noise floors] from which a relative error says something
 STANDS_OUT = 2.0  # relative error over that of everything from which it is worth saying
-CONCENTRATED = 0.1
-"""Share of the squared error beyond the share of the samples that is worth saying."""
+CONCENTRATED = 0.1  # share of the squared error less that of the samples that is worth saying
 WORSE = 1.1  # error after over error before from which a regime gets worse
-SURE = 3.0
-"""Standard errors by which it does, as blocks of time scatter, or samples where that is more."""
+SURE = 3.0  # standard errors by which it does, scattered as blocks of time or as samples
 
 
 class Bin(Document, frozen=True):

@@ -32,7 +32,7 @@ MOMENTS = (0.0, 0.5, 1.0)
 clock reads the first, what is held until the second was the second all the time, and the mean
 is not late for a smooth signal.  Each model is judged at the one that suits it best."""
 OFFSET = 0.01  # offset of measured wires over their range by which a drift is found out
-DRIFTS = 1.5  # effect of an offset in the second half of a log over that in the first, if it drifts
+DRIFTS = 1.5  # effect of an offset in the second half of a log over the first, if it drifts
 
 
 @effect("signal", source="the log")

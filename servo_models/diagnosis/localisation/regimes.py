@@ -20,13 +20,13 @@ from servo_models.diagnosis.localisation.breakdown import (
 )
 from servo_models.diagnosis.localisation.samples import Samples
 
-WINDOWS = 12  # Windows of time, over all logs
+WINDOWS = 12  # windows of time, over all logs
 REST = 0.01  # amplitude over the largest one up to which a command rests
 AMPLITUDES = (0.03, 0.1, 0.2, 0.5, 1.0)
-SPEEDS = (0.1, 0.4, 1.0)  # edges over the largest value
-POSITIONS = 6
-ROUNDING = 1e-6
-"""Share of a range below which an edge is 0: a motion there and back hardly ends where it began."""
+"""Upper edges of amplitude classes over the largest amplitude."""
+SPEEDS = (0.1, 0.4, 1.0)  # upper edges of speed classes over the largest speed
+POSITIONS = 6  # classes of position, of equal width
+ROUNDING = 1e-6  # edge over the range below which it is 0: a motion hardly ends where it began
 AROUND = 0.1  # window around reversals over the time between them
 Edge = tuple[str, float, float]
 

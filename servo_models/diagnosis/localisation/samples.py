@@ -18,7 +18,7 @@ from servo_models.diagnosis.search.selection import Selection
 from servo_models.identification.simulation import Run
 
 STILL = 0.003  # speed over the largest one of a log up to which nothing moves
-HELD = 0.01  # change of a command over its range that is none
+HELD = 0.01  # change of a command over its range up to which it is held
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,9 +20,9 @@ from servo_models.diagnosis.localisation.breakdown import (
 )
 from servo_models.diagnosis.localisation.samples import Samples
 
-OCTAVES = 1.5  # width of a band
-BANDS = 8  # at most; the lowest one holds at least the two lowest frequencies of the longest log
-GAP = 1.5  # sampling steps between neighbours beyond which samples do not belong together
+OCTAVES = 1.5  # width of a band [octaves]
+BANDS = 8  # most bands; the lowest holds the two lowest frequencies of the longest log
+GAP = 1.5  # interval over the median one beyond which samples do not belong together
 
 
 def by_frequency(samples: Samples) -> Breakdown | None:

@@ -23,10 +23,10 @@ from servo_models.diagnosis.codes import Step, steps_under_noise
 from servo_models.identification.problem import Free, free_parameter, travel
 from servo_models.identification.simulation import prepared
 
-LEAST_SAMPLES_IN_A_PERIOD = 10.0  # of the fastest resonance that logs can show
-LEAST_RIPPLE_PERIODS_IN_TRAVEL = 0.7  # with less, a ripple looks like any load
+LEAST_SAMPLES_IN_A_PERIOD = 10.0  # samples in a period of the fastest resonance that logs can show
+LEAST_RIPPLE_PERIODS_IN_TRAVEL = 0.7  # fewest periods in the travel: fewer look like any load
 RESONANCE_REACH_FACTOR = 4.0
-"""By which a fit may move compliance and inertia: a high frequency is slow to simulate."""
+"""Factor by which a fit may move compliance and inertia: fast ones are slow to simulate."""
 
 
 @dataclass(frozen=True)
@@ -272,25 +272,23 @@ def _narrowed(free: Free) -> Free:
 
 
 TRIALS_OVER_TYPICAL = (0.03, 0.1, 0.25, 0.5, 1.0, 2.0, 4.5, 10.0)
-"""Of a switch whose effect has no trial values of its own."""
+"""Trial values of a switch whose effect has none of its own."""
 SIGNED_TRIALS_OVER_TYPICAL = (0.3, 3.0)
-"""Of one of either sign, to which the response is nearly straight."""
+"""Trial values of one of either sign: the response is nearly straight."""
 SHAPED_TRIALS_OVER_TYPICAL = (0.02, 0.1, 0.5, 2.0, 8.0)
-"""Of one whose effect has a shape, with each of which they are tried."""
-SHAPE_TRIALS_OVER_DEFAULT = (0.1, 0.3, 1.0, 3.0, 10.0)  # of a parameter that is no switch
-GRID_SPACING_IN_PERIODS = 0.1
-"""Between two values of a grid the last of the periods that logs hold moves by this part of one."""
-LARGEST_RELATIVE_GRID_SPACING = 0.06
-INERTIAS_OVER_DEFAULT = (0.03, 0.1, 0.3, 1.0, 3.0)  # behind a compliance
-RESONANCES_OVER_DEFAULT = (0.5, 1.0, 2.0, 4.0, 8.0)  # frequencies of such a resonance
+"""Trial values of one with a shape, for each shape."""
+SHAPE_TRIALS_OVER_DEFAULT = (0.1, 0.3, 1.0, 3.0, 10.0)  # trial values of what is no switch
+GRID_SPACING_IN_PERIODS = 0.1  # move of the last period in a log from one grid value to the next
+LARGEST_RELATIVE_GRID_SPACING = 0.06  # spacing of grid values over the value
+INERTIAS_OVER_DEFAULT = (0.03, 0.1, 0.3, 1.0, 3.0)  # trial inertias behind a compliance
+RESONANCES_OVER_DEFAULT = (0.5, 1.0, 2.0, 4.0, 8.0)  # trial frequencies of such a resonance
 RIPPLE_OVER_TYPICAL = 0.3  # amplitude at which a ripple is tried: its response is straight
-RIPPLE_COUNTS = 48  # values of the count of a ripple
-COUNT_SPACING_RAD = 1.5
-"""By which the phase of a ripple changes over the travel from one count to the next."""
-LEAST_OVER_TYPICAL = 0.01  # of a switch in a fit: a smaller effect is none, and may be slow
-LEAST_RELATIVE_CODE_SPACING = 0.001  # between trial values about a step that a code histogram shows
-CODE_TRIALS_TO_A_SIDE = 4
-CODE_TRIALS_REACH_IN_STANDARD_ERRORS = 3.0
+RIPPLE_COUNTS = 48  # trial values of the count of a ripple
+COUNT_SPACING_RAD = 1.5  # change of a ripple's phase over the travel from one count to the next
+LEAST_OVER_TYPICAL = 0.01  # least size of a switch in a fit: a smaller one is none, and may be slow
+LEAST_RELATIVE_CODE_SPACING = 0.001  # spacing of trial values about a step in a code histogram
+CODE_TRIALS_TO_A_SIDE = 4  # trial values above such a step, and as many below
+CODE_TRIALS_REACH_IN_STANDARD_ERRORS = 3.0  # distance of the farthest from it
 
 Values = dict[str, float]
 

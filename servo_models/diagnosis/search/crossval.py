@@ -23,14 +23,11 @@ from servo_models.core.types import Array
 from servo_models.identification.linear_inference import Linearisation
 from servo_models.identification.problem import Problem
 
-BLOCKS = 20
-LARGEST_CHANGE_OVER_ERRORS = 1.0
-"""Largest change of a block's errors, relative to them, that slopes are trusted with."""
-LEAST_LOSS_OVER_LARGEST = 1e-12
-"""Errors of a block, relative to the largest, below which they are none."""
-CLEAR = 0.1
-"""Part of the floor by which an error has to exceed it for a share of the rest to mean anything."""
-SIGN_DRAWS = 999  # signs at random that a sum over blocks is compared with
+BLOCKS = 20  # blocks of time, over all logs
+LARGEST_CHANGE_OVER_ERRORS = 1.0  # change of a block's errors up to which slopes are trusted
+LEAST_LOSS_OVER_LARGEST = 1e-12  # squared errors of a block below which they are none
+SIGN_DRAWS = 999  # draws of random signs that a sum over blocks is compared with
+CLEAR = 0.1  # error beyond the floor, over the floor, from which a share of the rest means anything
 
 
 @dataclass(frozen=True, eq=False)

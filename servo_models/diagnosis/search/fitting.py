@@ -40,26 +40,24 @@ from servo_models.identification.problem import DIFFERENCE, Free, Problem, log_d
 from servo_models.identification.resolution import ROW, blurs, with_unsure_inputs
 from servo_models.identification.simulation import InternalSteps
 
-WIDER = "wider priors"  # a cause beside the effects: what is believed of some parameters is wrong
-FINAL_TOLERANCE = 1e-7  # of the cost
-"""Of a fit that is reported."""
-FINAL_STEPS = 60
-HOPELESS_RATIO = 1.5  # cost of a fit over what it has to reach, from which no other start is made
-COARSE_WIDTH_IN_SCALES = 0.02  # of slopes where an effect makes the response jump
-COARSE_RELATIVE_WIDTH = 0.01  # of the slope along a discontinuous parameter
-WIDE_RELATIVE_CHANGES = (0.02, 0.01)  # of a discontinuous parameter, tried in turn before a search
-NARROW_RELATIVE_CHANGES = (0.005, 0.0025, 0.0012, 0.0006, 0.0003)  # the same after it
+WIDER = "wider priors"  # a cause beside the effects: a prior that was too narrow
+FINAL_TOLERANCE = 1e-7  # cost tolerance of a fit that is reported
+FINAL_STEPS = 60  # least-squares steps of such a fit
+HOPELESS_RATIO = 1.5  # cost over what a fit has to reach from which it gets no other start
+COARSE_WIDTH_IN_SCALES = 0.02  # width of slopes where an effect makes the response jump
+COARSE_RELATIVE_WIDTH = 0.01  # width of the slope along a discontinuous parameter
+WIDE_RELATIVE_CHANGES = (0.02, 0.01)
+"""Changes of a discontinuous parameter before a search, in turn."""
+NARROW_RELATIVE_CHANGES = (0.005, 0.0025, 0.0012, 0.0006, 0.0003)  # changes after it
 JUMP_OVER_RANGE = 0.2
-"""Between two samples of a reading: every delay of a sample more then puts the jump between two
-other ones."""
-DELAY_MOVES_IN_SAMPLES = (0.5, 1.0, 1.5, 2.5, 4.0)  # of the delay before such a reading
+"""Jump between two samples of a reading above which delays are tried one by one."""
+DELAY_MOVES_IN_SAMPLES = (0.5, 1.0, 1.5, 2.5, 4.0)  # moves of the delay before such a reading
 DELAY_MOVES_IN_PERIODS = (1 / 64, 1 / 32, 1 / 16, 1 / 8, 1 / 4, 1.0, 2.0)
-"""Of a delay before a hold: one tick off, it would be made up for by a friction or an inertia."""
-MOVED_COST_OVER_COST = 0.98  # from which a move is taken
-MOST_MOVES = 8
+"""Moves of a delay before a hold: one tick off passes for friction or inertia."""
+MOVED_COST_OVER_COST = 0.98  # cost after a move over before, below which it is taken
+MOST_MOVES = 8  # moves of delays in one fit
 LEAST_ROW_SHARE = 0.7
-"""Movement by commands between rows over the structured part of what is left, from which they may
-be it."""
+"""Movement by commands between rows over the structured part that it may explain."""
 
 
 def discontinuous_of(problem: Problem) -> list[int]:

@@ -19,27 +19,22 @@ from servo_models.diagnosis.search.fitting import FittedModel, Fitter
 from servo_models.diagnosis.search.screening import Screened, residual_beside, screen
 from servo_models.identification.linear_inference import linearised
 
-BRIEF_SAMPLES = 1000  # of the parts of the logs in which every value is screened
-LONG_SAMPLES = 5000  # of those in which the best are: the longer a log, the narrower is the minimum
+BRIEF_SAMPLES = 1000  # length of the first parts of the logs, in which every value is screened
+LONG_SAMPLES = 5000  # length of the parts for the best: the longer, the narrower is the minimum
 BRIEF_MEAN_SQUARE_RATIO = 0.1
-"""Of what is left to explain in the shorter part over that in the longer one, from which it shows
-enough of it."""
-VALUES_IN_LONG = 60  # screened in the longer part after that
-VALUES_CORRECTED = 24
-"""Screened there again, other parameters corrected, and half of them with values around."""
-AROUND_RELATIVE = (-0.0005, 0.0005)  # where these lie, relative to the value
+"""Least residual power, excerpt over longer part, to screen in the excerpt."""
+VALUES_IN_LONG = 60  # values screened in the longer part after that
+VALUES_CORRECTED = 24  # values screened there with other parameters corrected, half with neighbours
+AROUND_RELATIVE = (-0.0005, 0.0005)  # offsets of these neighbours relative to the value
 AROUND_PERIOD_RELATIVE = (-0.00075, -0.0005, -0.00025, 0.00025, 0.0005, 0.00075)
-"""The same of the period of a hold: where a log is over, one so much longer is a sample late."""
-FIRST_RELATIVE_SPACING = 0.01
-"""Of the values that are screened first.  A hold, and any other beside effects that hide it no
-longer, is screened at all values that logs tell apart."""
+"""Offsets for the period of a hold, by which the end of a log is a sample off."""
+FIRST_RELATIVE_SPACING = 0.01  # spacing of the values screened first, unless an effect is a hold
 NEIGHBOURS_LEFT_SHARE = 0.7
-"""Of what is left, that the best of them has to leave at most for its neighbours to be screened: a
-narrow minimum may lie beside what resembles it."""
-NEIGHBOURS_FACTOR = 2.0  # within which of the best they lie
-LEAST_MOVE = 0.2  # what a discontinuous effect moves over what is left to explain, to be the cause
-LARGEST_MOVE = 3.0  # the same, up to which it may be the cause
-VALUES_LISTED = 12  # screened with the whole logs, and their neighbours that only these tell apart
+"""Share of the squared errors left by the best that has its neighbours screened."""
+NEIGHBOURS_FACTOR = 2.0  # factor to either side of the best within which neighbours lie
+LEAST_MOVE = 0.2  # least change by a discontinuous effect over the residual, to be its cause
+LARGEST_MOVE = 3.0  # largest change over the residual, to be its cause
+VALUES_LISTED = 12  # values screened with the whole logs, and neighbours only these tell apart
 
 
 def shortlist(

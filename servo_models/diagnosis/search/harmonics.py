@@ -33,11 +33,11 @@ from servo_models.identification.linear_inference import Linearisation
 from servo_models.identification.problem import Free, free_parameter
 
 SPACING_RAD = 1.0
-"""By which the phase of a sine changes over the travel from one count of a spectrum to the next."""
+"""Change of a sine's phase over the travel from one count of a spectrum to the next."""
 LEAST_PERIODS_IN_TRAVEL = 2.0
-"""Of a further sine: with fewer, some of them are any shape over the position."""
-MOST_SAMPLES = 10_000  # of a log, for its spectrum: twice as many take four times as long
-PEAKS = 12  # of the spectrum, the highest, that are simulated
+"""Fewest periods of a further sine: fewer take any shape over the position."""
+MOST_SAMPLES = 10_000  # samples of a log for its spectrum: twice as many take four times as long
+PEAKS = 12  # highest peaks of the spectrum that are simulated
 
 
 def with_sines(

@@ -15,10 +15,9 @@ from servo_models.diagnosis.search.fitting import HOPELESS_RATIO, FittedModel, F
 from servo_models.diagnosis.search.screening import Screened
 from servo_models.identification.problem import Free
 
-MOST_REFITS = 4  # of a discontinuous effect
-REFIT_COST = 0.5
-"""Cost of a discontinuous effect over that without it, below which it is fitted again."""
-SLOW_COST_RATIO = 0.98  # of two fits in turn, above which there is no third
+MOST_REFITS = 4  # further fits of a discontinuous effect
+REFIT_COST = 0.5  # cost with a discontinuous effect over without, below which it is fitted again
+SLOW_COST_RATIO = 0.98  # cost of a fit over the one before, above which it is the last
 
 
 def beside(

@@ -14,8 +14,8 @@ from servo_models.core.types import Array
 from servo_models.diagnosis.search.fitting import FittedModel, discontinuous_of
 from servo_models.diagnosis.search.residuals import unmodelled
 
-DRAWS = 8  # other parameters that are tried
-MOVE_IN_STANDARD_ERRORS = 0.3  # how far they are away
+DRAWS = 8  # draws of other parameters
+MOVE_IN_STANDARD_ERRORS = 0.3  # standard deviation of such a draw
 NEARER = 0.1  # share of that move at which they are tried once more
 
 

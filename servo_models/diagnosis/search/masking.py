@@ -19,11 +19,11 @@ from servo_models.diagnosis.search.screening import Screened
 from servo_models.errors import UserError
 from servo_models.identification.linear_inference import Linearisation
 
-HALVINGS = 2  # of the way between a size that does not show and the next one, which does
+HALVINGS = 2  # bisection steps from a masked size to the next one, which is detectable
 UNMASKED_SHARE = 0.3
-"""Share of a change that slopes of the parameters leave, above which they do not imitate it."""
+"""Share of a change left by slopes of parameters above which they do not imitate it."""
 SHAPES_TRIED = 2  # shapes and signs of an effect, those first that may move most
-MASKED_FIT_STEPS = 8  # of a fit: what parameters imitate they find at once
+MASKED_FIT_STEPS = 8  # least-squares steps of a fit: what parameters imitate they find at once
 
 
 @dataclass(frozen=True, eq=False)

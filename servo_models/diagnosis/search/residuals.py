@@ -40,22 +40,17 @@ from servo_models.identification.problem import Problem
 
 LONGEST_STRETCH = 48  # samples
 SHORTEST_STRETCH = 16  # samples
-LEAST_STRETCHES = 8  # in a record
+LEAST_STRETCHES = 8  # stretches in a record
 LEAST_SAMPLES = SHORTEST_STRETCH * LEAST_STRETCHES
-"""Of a record that is judged: a shorter one counts as noise."""
+"""Samples of a record below which all of it counts as noise."""
 NOISE_FREQUENCY_PER_SAMPLE = 0.08
-"""Frequency [1/sample] from which on errors are taken as noise: a time constant of a motion
-that is sampled well has several samples, and its corner lies below."""
+"""Frequency from which errors are noise: motion is slower if sampled well."""
 NOISE_CORRELATIONS: Array = 1.0 - np.geomspace(1.0, 0.05, 40)
-"""Correlations of neighbouring samples of noise that are tried, 0 to 0.95."""
-LOUDEST_NOISE_IN_FLOORS = 7.0
-"""Noise [noise floors] at most.  The audit finds a floor from differences of neighbouring samples,
-and these show a sixth of noise with the longest memory of ``NOISE_CORRELATIONS``, give or
-take a tenth in a log of 200; what is louder is in the simulation alone, such as a limit cycle."""
+"""Trial correlations of neighbouring samples of noise."""
+LOUDEST_NOISE_IN_FLOORS = 7.0  # loudest noise: differences of neighbours show a sixth of slow noise
 NOISE_POWERS_IN_STANDARD_ERRORS: Array = np.linspace(-4.0, 4.0, 33)
-"""Powers that are tried for each of them, in standard errors from the fast part's own."""
-ONE_SIDED_95 = 1.645
-"""Standard errors from an estimate to the bound that is passed in 5 % of the cases."""
+"""Trial powers about the fast part's."""
+ONE_SIDED_95 = 1.645  # standard errors to a bound that is passed in 5 % of the cases
 
 
 @dataclass(frozen=True)
@@ -145,6 +140,7 @@ def _readings(problem: Problem, evidence: CrossValidation) -> Iterator[tuple[Arr
             start += count
             if count:
                 (step, most), floor = _codes(log, name), problem.sigma[name]
+                # what is louder is in the simulation alone, such as a limit cycle
                 yield errors, step / floor, min(most / floor, LOUDEST_NOISE_IN_FLOORS)
 
 

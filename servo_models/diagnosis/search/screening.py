@@ -25,20 +25,17 @@ from servo_models.diagnosis.search.fitting import FittedModel, delays_of
 from servo_models.errors import UserError
 from servo_models.identification.linear_inference import Linearisation, least_in_box, value_at
 
-CORRECTIONS = 2  # times that other parameters are corrected before a discontinuous one is judged
-NEIGHBOUR_RATIO = 1.05  # of two values of it, below which one correction serves both
+CORRECTIONS = 2  # corrections of other parameters before a discontinuous one is judged
+NEIGHBOUR_RATIO = 1.05  # ratio of two values below which one correction serves both
 LARGEST_GROUP = 32  # neighbouring values that are simulated one after another
-DELAY_LESS_IN_PERIODS = (0.25, 0.5, 0.75)
-"""By which a delay is less beside a hold; 0.5 where nothing is corrected."""
-LARGEST_SHARE = 1.6  # of a simulated change that an effect may make: trial values are a grid
-LARGEST_RIPPLE_SHARE = 10.0  # the same of a ripple, which is tried at one amplitude
-LEAST_SHARE = 0.5
-"""The same of a limit, at least: a small part of what a tight one does is what none does."""
-VALUES_BESIDE = 6
-"""Trial values at which an effect is screened beside others, and beside nominal parameters."""
-VALUES_SIMULATED = 5  # of an effect before a fit of it, where screening puts the other parameters
+DELAY_LESS_IN_PERIODS = (0.25, 0.5, 0.75)  # fractions of the hold period taken off the delay
+LARGEST_SHARE = 1.6  # most of a simulated change that an effect may make: trial values are a grid
+LARGEST_RIPPLE_SHARE = 10.0  # factor for a ripple, which is tried at one amplitude
+LEAST_SHARE = 0.5  # least factor for a limit: a small part of what a tight one does is done by none
+VALUES_BESIDE = 6  # trial values of an effect in screening beside others and nominal parameters
+VALUES_SIMULATED = 5  # values of an effect simulated before its fit
 NEAR_RELATIVE_CHANGES = tuple(k * 4e-4 for k in range(-6, 7))
-"""From its value in a model, at which a discontinuous parameter is sought again."""
+"""Changes of a discontinuous parameter, sought again about its fitted value."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -46,9 +46,9 @@ from servo_models.diagnosis.search.screening import (
     survey,
 )
 
-TOLERANCE = 2.0  # gap in noise floors that counts as none
-FIRST_ALONE = 4  # those that are fitted before it is asked whether the others could do as well
-SAME_COSINE = 0.99  # between two changes of the response, from which they are one
+TOLERANCE = 2.0  # gap [noise floors] that counts as none
+FIRST_ALONE = 4  # effects fitted first, before it is asked whether the others could do as well
+SAME_COSINE = 0.99  # cosine between two changes of the response from which they are the same
 
 RETUNING, SINGLY, PAIRS = "re-tuned parameters", "effects alone", "pairs of effects"
 DISCONTINUOUS, FURTHER = "discontinuous effects", "a third effect and further ones"
@@ -56,9 +56,8 @@ RIVALS, SINES = "effects that may do as well", "further sines of ripples"
 MASKED = "effects that parameters mask"
 CONDITIONS = "conditions that are left out"
 STAGES = (RETUNING, SINGLY, PAIRS, DISCONTINUOUS, FURTHER, RIVALS, SINES, MASKED)
-"""Of a search, in this order."""
-FIRST_ANSWER = "first answer"
-"""With which begins what is told once every effect that promises something was fitted alone."""
+"""Stages of a search, in this order."""
+FIRST_ANSWER = "first answer"  # head of what is told once every promising effect was fitted alone
 
 Tell = Callable[[str], None]
 
