@@ -19,8 +19,7 @@ from servo_models.validation.fmu_subject import Subject
 from servo_models.validation.host_process import Limits
 from servo_models.validation.implementation import LIMIT, difference
 
-OWN = Limits(seconds=1e6, megabytes=1e5)
-"""No limits to speak of: the FMU is our own, a log may be long."""
+OWN = Limits(seconds=1e6, megabytes=1e5)  # no limit in effect: our own FMU, maybe a long log
 
 
 @dataclass(frozen=True)

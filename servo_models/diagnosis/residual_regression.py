@@ -35,8 +35,7 @@ LEAST_SAMPLES = 128  # samples of an output in all logs, below which the colour 
 ORDER = 2  # order of the autoregression that whitens errors: a memory of noise, and a reading step
 RIDGE = 1.0  # ridge on functions of length 1: directions that hardly any of them has do not count
 STILL = 0.01  # rate over the largest of its log up to which nothing moves
-FADING_IN_TIME_SCALES = (1.0, 4.0)
-"""Time constants of errors after a reversal, or a change of the command."""
+FADING_IN_TIME_SCALES = (1.0, 4.0)  # time constants of errors after a reversal or a new command
 LONGEST_TIME_SCALE = 0.05  # share of a log up to which a time scale is seen often enough
 DEPENDENT = 1e-6  # independent part of a function, relative, below which slopes can do all of it
 FORCES = (

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from servo_models.core.types import Array
-from servo_models.diagnosis.gap import not_followed
+from servo_models.diagnosis.gap import DRAWS, not_followed
 from servo_models.diagnosis.residual_regression import (
     NOTHING_TESTED,
     LockedTest,
@@ -35,8 +35,6 @@ EFFECT = "effect"
 EFFECTS = "effects"
 OUTSIDE = "outside-catalogue"
 NOT_IDENTIFIABLE = "not-identifiable"
-
-DRAWS = 400  # bootstrap draws of blocks over which weights are averaged
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,10 +26,9 @@ from servo_models.identification.simulation import prepared
 from servo_models.identification.starts import false_statements, with_starts
 from servo_models.report.result import Result
 
-WELL, ROUGHLY = 0.1, 0.8
-"""Expected standard error over the size of a parameter, its prior or value, up to which logs
-determine it well, or at all."""
-NOTHING = 1e-6  # movement in noise floors that is rounding of the simulation
+WELL = 0.1  # expected standard error over a prior, or value, up to which logs determine it well
+ROUGHLY = 0.8  # that ratio up to which they determine it at all
+NOTHING = 1e-6  # movement [noise floors] that is rounding of the simulation
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -24,23 +24,18 @@ from servo_models.identification.result import Doubt, Identification, doubts
 from servo_models.report.numbers import number, with_unit
 from servo_models.report.result import Report
 
-HARDLY = 0.7
-"""Error left over the standard deviation of a reading, from which a fit does not follow it."""
-FAR_LEFT = 100.0  # error left in noise floors, from which values make up for what the model lacks
-WILD_SHARE = 0.02  # of the readings
-WILD_SQUARES = 0.5
-"""Share of the squared errors in so few single readings, from which a fit follows these."""
-LEAST_LEFT = 2.0  # error left in noise floors, below which no single reading moves a fit
-NAMED = 3
+HARDLY = 0.7  # error over the standard deviation of a reading, from which a fit does not follow it
+FAR_LEFT = 100.0  # error [noise floors] from which values make up for what the model lacks
+WILD_SHARE = 0.02  # share of the readings that are few
+WILD_SQUARES = 0.5  # share of the squared errors in these few from which a fit follows them
+LEAST_LEFT = 2.0  # error [noise floors] below which no single reading moves a fit
+NAMED = 3  # single readings that a sentence names
 ALIKE_CORRELATION = 0.95  # correlation from which two estimates cannot be told apart
-ILL_CONDITIONED = 1e3
-"""Ratio of the largest to the smallest singular value of the slopes with unit columns."""
-WORST_CONDITION = 1e6  # above which the ratio is rounding
-UNDETERMINED = 0.5
-"""Standard error over the value from which a log does not determine a parameter; over the usual
-size of one that may be of either sign."""
+ILL_CONDITIONED = 1e3  # largest over smallest singular value of slopes with unit columns
+WORST_CONDITION = 1e6  # ratio above which it is rounding
+UNDETERMINED = 0.5  # standard error over a parameter's size from which a log does not determine it
 PRIOR_ONLY = 0.8  # standard error over the prior from which a log says nothing about a parameter
-FAR = 3.0  # standard deviations of its way from the prior from which an estimate has gone too far
+FAR = 3.0  # way from the prior [standard deviations] from which an estimate has gone too far
 
 ON_LOW, ON_HIGH = "on its low bound", "on its high bound"
 FROM_PRIOR = "from its prior only"

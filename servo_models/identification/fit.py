@@ -42,11 +42,9 @@ METHODS = {
     "local": "simulation error, least squares",
     "global": "simulation error, CMA-ES and least squares",
 }
-REWEIGHTINGS = 10
-SAME_WEIGHT = 0.02
-"""Relative change of a weight up to which it stays: priors and outputs then count as they claim."""
-LEAST_WEIGHT = 1e-8
-"""Weight over the scatter of a reading, below which the error is rounding of the simulation."""
+REWEIGHTINGS = 10  # most rounds of fits with new weights
+SAME_WEIGHT = 0.02  # relative change of a weight up to which it stays
+LEAST_WEIGHT = 1e-8  # weight over the scatter of a reading, below which the error is rounding
 
 
 def fit(

@@ -17,10 +17,8 @@ from servo_models.core.plant import GreyBox
 from servo_models.core.types import Array
 from servo_models.identification.result import Doubt
 
-VAGUE = 0.3  # a constant whose standard error is a larger part of it is not determined
-TOUCHY = 10.0
-"""Without standard errors: 1 % in a coefficient moves a constant that is not determined by
-more than this [%]."""
+VAGUE = 0.3  # standard error over a constant from which it is not determined
+TOUCHY = 10.0  # change [%] of a constant by 1 % in a coefficient, from which it is not determined
 
 
 @dataclass(frozen=True)

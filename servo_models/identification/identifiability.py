@@ -26,11 +26,8 @@ from servo_models.errors import UserError
 from servo_models.identification.linear_inference import Axis, Information, information
 from servo_models.identification.problem import Free, Problem, free_parameter
 
-SHOWN = 0.5
-"""RMS difference in noise floors below which a log shows nothing: noise is never quite white,
-and models are never quite right."""
-SINGULAR = 1e-9
-"""Share of the largest eigenvalue up to which one of a Gram matrix of unit slopes is rounding."""
+SHOWN = 0.5  # RMS difference [noise floors] below which a log shows nothing: no noise is white
+SINGULAR = 1e-9  # eigenvalue over the largest of a unit Gram matrix up to which it is rounding
 ALIKE_COSINE = 0.98  # cosine between two differences from which they cannot be told apart
 EXPLAINED = 1e-6  # share of the square of a difference that may be rounding
 

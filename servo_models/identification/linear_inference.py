@@ -40,37 +40,26 @@ from servo_models.core.types import Array, Mask
 from servo_models.errors import UserError
 from servo_models.identification.problem import Problem
 
-NARROW, WIDE = 0.01, 0.3
-"""Least and largest half width of a slope, relative to the value of what moves most."""
-NEAR_ZERO = 0.1  # value in scales below which a change is told in scales
-PARTS = (1.0, 0.7)  # widths over which a slope is taken, over the largest of them
+NARROW = 0.01  # least half width of a slope, relative to the value of what moves most
+WIDE = 0.3  # largest half width
+NEAR_ZERO = 0.1  # value in scales below which a change is in scales
+PARTS = (1.0, 0.7)  # widths of a slope over the largest of them
 MORE_PARTS = (1.0, 0.7, 0.85, 0.6, 0.92, 0.78)
-"""The same where two still disagree over the largest width: noise falls with their number."""
+"""Widths over the largest where two still disagree: noise falls with their number."""
 ASIDE = 0.02
-"""Largest part of a value by which the middle of a slope is moved aside, to one side for one width
-and to the other for the next: small moves across a step would meet the same samples of it."""
-ASIDE_OVER_WIDTH = 2.0  # the same over a narrow width
-AGREED = 0.01
-"""Share of the energy of a slope in which two widths may disagree without being widened."""
-NARROWER = (3e-4, 1e-5)
-"""Half widths that are tried where combinations are weak, or errors less than the disagreement:
-where that was curvature, it falls with the width, and where it was roughness it grows."""
+"""Largest part of a value by which the middle of a slope moves: else widths meet the same steps."""
+ASIDE_OVER_WIDTH = 2.0  # largest of these parts over a narrow width
+AGREED = 0.01  # share of a slope's energy in which two widths may disagree without being widened
+NARROWER = (3e-4, 1e-5)  # half widths beside roughness: curvature falls with width, roughness grows
 WIDER = 3.0  # factor on a width over which slopes do not agree
-ROUNDS = 6  # times that weak combinations are probed: each time along what the last one found
-FAIR = 0.25
-"""Energy of the random part of a slope over the disagreement that counts as it until the end,
-which curvature may pass for."""
+ROUNDS = 6  # times that weak combinations are probed, each along what the last one found
+FAIR = 0.25  # energy of the random part of a slope over the disagreement: curvature passes for it
 WEAK = 0.05  # share of noise in a combination from which it is probed along itself
-KNOWN = 1.0 - 1e-8
-"""Cosine of a combination to one that has been probed, from which probing it tells nothing new."""
-UNSEEN = 0.3
-"""Share of noise in a combination over the largest width, from which logs show nothing of it."""
-NOTHING = 1e-3
-"""Weighted errors, root of the sum of squares, that a move by the largest width makes at most
-where it does nothing: the standard error would be some hundred times the scale."""
+KNOWN = 1.0 - 1e-8  # cosine between combinations from which probing both tells nothing new
+UNSEEN = 0.3  # share of noise in a combination over the largest width, from which it is unseen
+NOTHING = 1e-3  # root of squared errors that the largest width moves at most where it does nothing
 LEAST = (NOTHING / WIDE) ** 2  # energy of a slope below which nothing moves
-MEMBER = 0.1
-"""Part of the largest move in a combination from which a parameter is one of its members."""
+MEMBER = 0.1  # part of the largest move in a combination from which a parameter is a member
 
 
 @dataclass(frozen=True, eq=False)
@@ -377,8 +366,7 @@ def _room(problem: Problem, vector: Array, step: Array) -> float:
     return float(np.min(way[moving] / np.abs(step[moving]), initial=1.0))
 
 
-SINGULAR = 1e-11
-"""Singular value of slopes with unit columns over the largest one, up to which it is rounding."""
+SINGULAR = 1e-11  # singular value over the largest, with unit columns, up to which it is rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -412,28 +400,20 @@ def factors(slopes: Array) -> Factors:
 
 # How sure estimates are
 
-LEAST_SINGULAR = 1e-7
-"""Singular value over the largest one, as which a smaller one counts in correlations."""
-ROUNDING = 1e-12  # slope over the largest one, up to which it is what rounding makes of none
-STANDSTILL = 0.01
-"""Change of the errors over what slopes promise, both squared, up to which one is on a tread."""
-SMALLEST = 1e-9
-"""Standard error in scales below which an estimate is exact: rounding of a simulation."""
+LEAST_SINGULAR = 1e-7  # least singular value over the largest one that counts in correlations
+ROUNDING = 1e-12  # slope over the largest one up to which it is rounding of none
+STANDSTILL = 0.01  # squared change of errors over what slopes promise, up to which it is a tread
+SMALLEST = 1e-9  # least standard error in scales: below it is rounding of a simulation
 TREAD = 4.0  # factor by which the end of a tread is sought
-LONGEST = 12
-"""Times that it is sought farther: from the smallest standard error to about 1 % of the scale."""
-TREAD_SHARE = 1.0 / np.sqrt(12.0)
-"""Standard deviation of a value that may lie anywhere on a tread of length 1."""
-NEEDLE = 0.1
-"""Distance in scales within which squared errors have to rise for a value that no slope tells."""
+LONGEST = 12  # times that it is sought farther: from the smallest error to about 1 % of the scale
+TREAD_SHARE = 1.0 / np.sqrt(12.0)  # standard deviation of any value on a tread, over its length
+NEEDLE = 0.1  # distance in scales within which squared errors rise, for a value that no slope tells
 DENT = 4.0  # rise of the squared errors over the depth of a dent from which it is a needle's
 REACHES = np.geomspace(1e-5, 0.3, 10)  # distances in scales at which that is looked at
 
 
-PROFILED_ERRORS = 2.0
-"""Standard errors to each side at which the rise of the squared errors is compared with that of
-slopes."""
-FLAT = 0.5  # share of it from which an interval is as wide as slopes say
+PROFILED_ERRORS = 2.0  # standard errors to each side at which a profile is compared with slopes
+FLAT = 0.5  # rise of the squared errors over that by slopes, from which an interval stays
 MOST_WIDER = 256.0  # factor up to which an interval is widened
 
 
@@ -715,11 +695,10 @@ def covariance(problem: Problem, jacobian: Array, residuals: Array, more: float 
 
 # What parameters would do about a change of the response
 
-BLOCK_EXCHANGES = 8  # of all variables on the wrong side of a bound at once
-SINGLE_EXCHANGES = 40  # of one variable at a time, after them
-COORDINATE_SWEEPS = 3  # over single variables, at last
-RELATIVE_RIDGE = 1e-10
-"""On the diagonal, scaled to 1: variables that do the same share what is to do."""
+BLOCK_EXCHANGES = 8  # exchanges of all variables on the wrong side of a bound at once
+SINGLE_EXCHANGES = 40  # exchanges of one variable at a time, after them
+COORDINATE_SWEEPS = 3  # sweeps over single variables, at last
+RELATIVE_RIDGE = 1e-10  # ridge on a diagonal of 1: variables that do the same share what is to do
 
 
 @dataclass(frozen=True, eq=False)

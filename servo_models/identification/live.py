@@ -18,15 +18,15 @@ from servo_models.data.scaffold import draft
 from servo_models.data.sensor import runs
 from servo_models.errors import UserError
 from servo_models.files import scratch
+from servo_models.identification.result import HELD_OUT
 from servo_models.identification.simulation import Run, prepared
 from servo_models.identification.starts import with_starts
 from servo_models.report.live import Live, LiveModel, LiveRun, encoded
 from servo_models.report.result import Report
 from servo_models.report.sections import Section
 
-MOST_NUMBERS = 120_000  # of all logs on a page, which then has 1 MB at most
+MOST_NUMBERS = 120_000  # numbers of all logs on a page, which then has 1 MB at most
 TITLE = "Explore"
-HELD_OUT = "held out"
 MOVE = (
     "Simulated in this page: move a parameter or switch an effect, and see the measured curve met"
     " or missed. Drag across the curves to zoom."

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from servo_models.core.types import Array, Complex
 
 COHERENT = 0.8  # least share of the output's power that goes with the input
-WINDOWS = 9  # Windows averaged at least: incoherent noise reaches ``COHERENT`` in 1 of 1000 cases
+WINDOWS = 9  # fewest windows: incoherent noise reaches ``COHERENT`` in 1 of 1000 cases
 FEWEST = 64  # samples of a window
 BANDS = 40  # bands of equal width on the logarithmic axis; each shows its best excited frequency
 

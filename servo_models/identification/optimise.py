@@ -33,43 +33,35 @@ Progress = Callable[[str], None]
 LOCAL = "local"
 GLOBAL = "global"
 SEARCHES = (LOCAL, GLOBAL)
-TOLERANCE = 1e-8
+TOLERANCE = 1e-8  # relative decrease of the cost that ends a search
 LIMIT = 60  # steps of one least-squares search
-GENERATIONS = 60
+GENERATIONS = 60  # most generations of a run of CMA-ES
 RUNS = 3  # runs of CMA-ES, each with twice the population (Auger, Hansen, IEEE CEC 2005)
 
-SLOPE_STEPS = (1e-3, 1e-2, 3e-2, 1e-1, 3e-1)  # of the scale of a parameter
-"""Wider steps that are tried in turn where the response is rough."""
-SLOPE_DISAGREEMENT = 0.5  # of the slope over the wider step
-"""From which two slopes differ."""
+SLOPE_STEPS = (1e-3, 1e-2, 3e-2, 1e-1, 3e-1)  # wider steps in scales where a response is rough
+SLOPE_DISAGREEMENT = 0.5  # difference of two slopes over the wider step's from which they differ
 POLISHES = 2  # runs of CMA-ES over the dents of a rough surface, each about the best point so far
-POLISH_GENERATIONS = 30
+POLISH_GENERATIONS = 30  # most generations of such a run
 POLISH_WIDTH = 0.1  # standard deviation of a value, relative to it, where logs tell nothing of it
-POLISH_REACH = 3.0  # first step of such a run, in standard errors
-WORTHWHILE = 0.1
-"""Decrease of the squared errors, in their mean, below which a polish or a valley ends: less is
-within the noise."""
-VALLEY_STEPS = 12
-VALLEY_PARTS = (1.0, 0.5, 0.25, 0.1)  # of a whole step, the first that leaves less is taken
-LARGEST_FACTOR_LOG = 0.7
-"""Natural logarithm of the factor by which such a step moves a value at most."""
-STEEP_OVER_PRIOR = 30.0
-"""Slopes of the data over those of the priors, along a combination, from which it leads across a
-valley."""
-STEPS_BACK = 3  # into the valley, with the slopes of where a step began
+POLISH_REACH = 3.0  # first step of such a run [standard errors]
+WORTHWHILE = 0.1  # decrease over the mean squared error below which a search ends: noise does that
+VALLEY_STEPS = 12  # most steps along a valley
+VALLEY_PARTS = (1.0, 0.5, 0.25, 0.1)  # parts of a whole step, the first that leaves less is taken
+LARGEST_FACTOR_LOG = 0.7  # natural log of the factor by which such a step moves a value at most
+STEEP_OVER_PRIOR = 30.0  # slopes of the data over those of the priors that lead across a valley
+STEPS_BACK = 3  # steps back into the valley, with the slopes of where a step began
 MISPREDICTED_SHARE = 0.4  # part of a change that slopes may miss and still be corrected
-FIRST_DAMPING = 1e-3  # of the diagonal of the normal equations
-LEAST_DAMPING = 1e-9
-MOST_DAMPING = 1e8  # with which a search gives up
-DAMPING_AFTER_GOOD = 0.2  # of that before
-DAMPING_AFTER_FAILED = 5.0
-POOR_DECREASE = 0.01  # of the predicted one
-"""Below which a step fails."""
-GOOD_DECREASE = 0.5  # above which damping falls
-PROMISED_AT_MOST = 4.0  # times that a search may still gain what its next step promises
-ROUNDS = 4  # of so many steps at most, while one takes away a fifth of the squared errors
-ROUND_COST_RATIO = 0.8
-STEPS_PER_JACOBIAN = 3  # for which a search may afford slopes once
+FIRST_DAMPING = 1e-3  # damping over the diagonal of the normal equations
+LEAST_DAMPING = 1e-9  # smallest damping
+MOST_DAMPING = 1e8  # damping with which a search gives up
+DAMPING_AFTER_GOOD = 0.2  # factor on the damping after a good step
+DAMPING_AFTER_FAILED = 5.0  # factor after a step that failed
+POOR_DECREASE = 0.01  # decrease over the predicted one below which a step fails
+GOOD_DECREASE = 0.5  # decrease over the predicted one above which damping falls
+PROMISED_AT_MOST = 4.0  # what a search may still gain over what its next step promises
+ROUNDS = 4  # most rounds of so many steps
+ROUND_COST_RATIO = 0.8  # cost after a round over before up to which there is another
+STEPS_PER_JACOBIAN = 3  # steps for which a search may afford slopes once
 
 
 @dataclass(frozen=True)

@@ -31,36 +31,28 @@ from servo_models.identification.starts import with_starts
 from servo_models.units import factor, fitting_unit, other_units, parse
 
 TIME = "time"
-UNLIKE = 0.5
-"""Misfit from which a log moves otherwise than the nominal model.  Of 42 measured outputs of real
-logs beside simple models 4 reach it, by friction, and none 0.6; a factor of 6 makes it 0.68."""
-BETTER = 0.5  # share of the misfit that may be left with another unit
-CLOSE = 0.05  # misfits that differ by less count as alike
-SLOWER = 0.8  # the same as ``BETTER`` for a log sampled more slowly than the actuator answers
-STILL_FITS = 1.05
-"""Misfit with another unit over that without, where the motion exceeds the full scale."""
+UNLIKE = 0.5  # misfit of another motion: 4 of 42 real outputs reach it; a factor of 6 makes 0.68
+BETTER = 0.5  # misfit with another unit over that without, up to which it makes sense
+CLOSE = 0.05  # difference of misfits that count as alike
+SLOWER = 0.8  # such a ratio for a log sampled more slowly than the actuator answers
+STILL_FITS = 1.05  # such a ratio where the motion exceeds the full scale
 SEEN = 0.02  # misfit below which no other unit of time is looked for
 FAR = 4.0  # ratio of two motions from which one of them is not scaled
-FOLLOWS = 0.8
-"""Correlation with the model from which a reading is one of its output, scaled or turned."""
-DRIFT_DEGREE = 2
-"""Of the polynomial that is taken from both before: a constant torque makes it of a free motor."""
-ELSEWHERE = 0.5
-"""Distance to the model over its range, from which the zero of a reading is elsewhere."""
-STEADY = 3.0  # the same over its standard deviation: a zero is elsewhere in all rows
+FOLLOWS = 0.8  # correlation with the model from which a reading is its output, scaled or turned
+DRIFT_DEGREE = 2  # degree of the drift taken off: what a constant torque gives a free motor
+ELSEWHERE = 0.5  # distance to the model over its range from which the zero of a reading is off
+STEADY = 3.0  # distance over its standard deviation, from which it is in all rows
 BEYOND = 3.0  # full scales of a rate, or of an output, that no actuator reaches
 SLOW = ("lag", "transport_delay", "rate_limit", "sample_hold")
-"""Effects that imitate a time that runs too slowly, or too fast."""
+"""Effects that imitate a slow or fast time."""
 LONGEST = 5e6  # internal steps that are worth a look at another unit of time
-MOST_SUPPLY, LEAST_SUPPLY = 2.0, 0.2
-"""Supply over the one that a variant is for, beyond which no motor stands or turns."""
+MOST_SUPPLY = 2.0  # supply over the one of a variant above which no motor stands it
+LEAST_SUPPLY = 0.2  # that ratio below which none turns
 MOST_LOAD = 5.0  # full scales of a constant load: several times what stalls the actuator
 MOST_PRIOR = 3.0  # standard deviation over a positive value: more says less than no prior
-MOST_INTERVAL = 2.0
-"""Sampling interval over the time of an answer, from which a log shows only where it ends."""
-LEAST_DURATION = 0.1  # of the time of an answer
-ANSWERED = 0.05
-"""Distance from its end, relative to the whole, at which a step response has been answered."""
+MOST_INTERVAL = 2.0  # sampling interval over the response time: longer ones show only the end
+LEAST_DURATION = 0.1  # duration of a log over the response time
+ANSWERED = 0.05  # distance from the end of a step response over the whole, at which it is answered
 GRID = 1001  # points of a step response; its time is needed to a percent
 
 

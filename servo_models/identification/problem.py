@@ -24,16 +24,13 @@ from servo_models.data.log import Log
 from servo_models.errors import UserError
 from servo_models.identification.simulation import InternalSteps, Run, prepared
 
-DIFFERENCE = 1e-4
-"""Step of a difference quotient in scales: small against curvature, large against rounding."""
+DIFFERENCE = 1e-4  # step of a difference quotient in scales: between curvature and rounding
 EDGE = 1e-6  # distance from a bound, in scales and relative to the value, that counts as on it
-REFUSED, LARGEST = 1e3, 1e100
-"""Weighted residual of a run that leaves the finite numbers, or those with finite squares, over
-the measured range where that is more than 1: no motion at all leaves less."""
+REFUSED = 1e3  # weighted residual of a run that fails, over the range if that is more than 1
+LARGEST = 1e100  # weighted residual from which squares leave the finite numbers
 
 
-FAR_DEVIATIONS = 3.0
-"""Prior deviations that a fit moves a parameter, from which its prior was too narrow."""
+FAR_DEVIATIONS = 3.0  # prior deviations of a fitted parameter from which its prior was too narrow
 WIDER_PRIOR = 10.0  # factor on such a prior
 LEAST_SINGULAR = 0.3
 """Weighted errors by one standard deviation of a direction, below which it is noise."""

@@ -43,10 +43,10 @@ if TYPE_CHECKING:
 SHOWN = 8  # responses that are drawn; further ones are in the table only
 NOTED = 5  # notes on logs that are told one by one
 ZOOM = 8  # width of the zoomed panel, in times over which errors hang together
-LARGEST, FEWEST = 0.1, 60
-"""... at most that share of the log, at least so many samples."""
+LARGEST = 0.1  # most of its width over the length of the log
+FEWEST = 60  # samples in it at least
 LAGS = 40  # lags of a correlation that are drawn at least; else twice as many as matter
-SIGMAS_99 = 2.576
+SIGMAS_99 = 2.576  # standard deviations that hold 99 % of a normal distribution
 RARE = 0.01  # probability below which errors are called dependent
 LABELS = 5  # numbers on an axis of lags
 RUNS_AWAY = "runs away"

@@ -33,22 +33,18 @@ from servo_models.errors import UserError
 from servo_models.identification.simulation import Run, prepared
 from servo_models.report.numbers import number, with_unit
 
-COPIES = 8  # of a log, for each column and reason: the figure is known to a quarter
-STEPS_IN_RANGE = 50.0
-"""Of a column, from which these are how it is written, and no levels that were commanded."""
+COPIES = 8  # copies of a log for each column and reason: the figure is known to a quarter
+STEPS_IN_RANGE = 50.0  # steps in the range of a column from which they are no commanded levels
 STEP, ROW = "step", "row"
-MOST_LOST_SHARE = 0.1
-"""Of the rows: where more are far apart, rows are uneven, and none is known to be lost."""
-MOST_CHANGES = 300  # in a log: of more only the largest, since each is a simulation
-SAMPLES_PER_CHANGE = 4
-"""At least: with as many changes as samples, what they may have done is anything."""
-INSTANTS = 3
-"""Between lost rows, at which a command is tried: what follows may depend on it in any way."""
+MOST_LOST_SHARE = 0.1  # share of rows far apart, above which rows are uneven and none is lost
+MOST_CHANGES = 300  # changes in a log that are simulated, the largest
+SAMPLES_PER_CHANGE = 4  # fewest samples for each change: fewer may have been moved anyhow
+INSTANTS = 3  # instants between lost rows at which a command is tried
 LOOKS = 2  # copies by which it is asked whether the step of a column matters
 MATTERS = 0.3  # movement by it [noise floors] from which it does
-BLOCKS_PER_FLOOR, LEAST_BLOCKS, MOST_BLOCKS = 6.0, 20, 400
-"""Of rows, in each of which values are off by their steps on average, for each noise floor of that
-movement: what they are off within a block is noise then."""
+BLOCKS_PER_FLOOR = 6.0  # blocks of rows over that movement: within one, steps are noise
+LEAST_BLOCKS = 20
+MOST_BLOCKS = 400
 
 
 @dataclass(frozen=True)
@@ -181,10 +177,9 @@ def _at(times: Array, log: Log, inputs: Mapping[str, Array]) -> Log:
 
 # Outputs that were read at another time than the first one
 
-MUCH_LESS = 0.25
-"""Squared errors in another row over those in its own, below which a reading is of that one."""
+MUCH_LESS = 0.25  # squared errors in another row over its own, below which a reading is of that one
 SEEN_FLOORS = 2.0  # error in its own row [RMS, noise floors] from which that matters
-LEAST_ROWS = 50  # of a log, below which chance may prefer another row
+LEAST_ROWS = 50  # rows of a log below which chance may prefer another row
 
 
 def shifted_outputs(

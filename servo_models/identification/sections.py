@@ -60,13 +60,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 IN_CARD = 8  # parameters that the answer names; all are in the table
-AT_FLOOR = 1.5
-"""Error over the noise floor up to which the model leaves nothing that a diagnosis could name."""
+AT_FLOOR = 1.5  # error over the noise floor up to which a diagnosis could name nothing
 LEAST_BLUR = 0.1  # movement [noise floors] by the resolution of a column, from which it is listed
 BINS = 41
 NUMBERS = 5  # numbers on an axis of long ones
 FINE = 300  # points of a line of a Bode plot
-OWN_CLOCK = 1.5  # steps from which on a command is held for longer than a sample
+OWN_CLOCK = 1.5  # steps from which a command is held for longer than a sample
 EVEN = 1e-4  # share of a step up to which its jitter is rounding
 PARAMETERS, ERRORS = "Parameters", "Errors"
 NOTES = "Notes on the logs"

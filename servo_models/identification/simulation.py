@@ -34,31 +34,21 @@ from servo_models.core.types import Array
 from servo_models.data.log import Log, Start
 from servo_models.errors import UserError
 
-FIRST_SAMPLES = 3  # the beginning of a log
-OFF_AT_FIRST = 0.02  # of the range of an output
-"""Error at the beginning from which a log may have begun in another state."""
-OFF_LATER = 5.0  # times the error of the second half
-"""Error at the beginning from which it surely has."""
-MAYBE_AT_FIRST = 0.01  # of the range of an output
-"""Error at the beginning from which it is asked how else a log may begin."""
-MAYBE_LATER = 2.0  # times the error of the second half
-"""The same of a log that was taken as settled."""
+FIRST_SAMPLES = 3  # samples at the beginning of a log
+OFF_AT_FIRST = 0.02  # error there over the range from which a log may have begun in another state
+OFF_LATER = 5.0  # error there over that of the second half from which it surely has
+MAYBE_AT_FIRST = 0.01  # error there over the range from which other starts are tried
+MAYBE_LATER = 2.0  # error there over the second half's from which a settled log has them tried
 START_STEPS = 6  # Gauss-Newton steps of the fit of a start
-START_PARTS = (1.0, 0.25, 0.05)  # of such a step, the largest that leaves less is taken
+START_PARTS = (1.0, 0.25, 0.05)  # parts of such a step, the largest that leaves less is taken
 START_DIFFERENCE = 1e-4  # step of its difference quotients, in full scales
 START_PRIOR = 1e-3  # weight of a full scale beside an error of the whole range of an output
 STEP = "internal_step"
-MOST_SUBSTEPS_OVER_USUAL = 8.0
-"""Sub-steps of a run in a search, over those of the nominal model with the same internal step: a
-trial value so stiff that it takes more acts as none does, and costs as much as many others."""
-REMEMBERED = 12_000_000
-"""Bytes of the latest simulations that are kept: a search comes back to a tenth of them."""
+MOST_SUBSTEPS_OVER_USUAL = 8.0  # sub-steps over the nominal model's: a stiffer trial acts as none
+REMEMBERED = 12_000_000  # bytes of the latest simulations: a search comes back to a tenth of them
 SHARE = 0.05  # error [noise floors, RMS] that a longer step may make
-VISIBLE = 1.0
-"""Sum of the squares of these errors in a log: the noise has a standard deviation of that size
-along any course of errors, so what is less cannot be told from noise."""
-MOST_ROWS = 0.9
-"""Share of the rows that follow the one before within what is called an interval: clocks jitter."""
+VISIBLE = 1.0  # sum of the squares of these errors in a log from which noise does not hide them
+MOST_ROWS = 0.9  # quantile of the intervals between rows that counts as one: clocks jitter
 
 
 @dataclass(frozen=True, eq=False)
@@ -472,14 +462,14 @@ class InternalSteps:
         }
 
     def _measured(self, run: Run, values: Mapping[str, float]) -> float:
-        own = run.model.values["internal_step"]
+        own = run.model.values[STEP]
         noise = np.array([self.noise[name] for name in run.log.outputs])
         try:
             fine = run.outputs(values)
         except UserError:
             return own
         for step in _longer(run.log.times, own):
-            if _hidden((run.outputs_or_nan({**values, "internal_step": step}) - fine) / noise):
+            if _hidden((run.outputs_or_nan({**values, STEP: step}) - fine) / noise):
                 return step
         return own
 

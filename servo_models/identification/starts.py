@@ -29,30 +29,18 @@ from servo_models.identification.simulation import (
 )
 
 SLOPE_SAMPLES = 6  # fewest readings of which a parabola tells the rate at first
-SLOPE_SPAN = 0.2  # of the time in which the actuator answers a step, the most that they take
-STRAIGHT = 1.5
-"""Noise floors that a parabola may leave; a shorter one is taken where it leaves more."""
+SLOPE_SPAN = 0.2  # the most that they take, over the response time
+STRAIGHT = 1.5  # noise floors that a parabola may leave; where it leaves more, a shorter one
 SURE_SIGMAS = 5.0  # standard errors of a rate from which a log begins in motion
-MOVED = 0.1
-"""Of the range of a reading, in the time in which the actuator answers a step: the least rate."""
-TURNS_ON = (0.5, 1.1)
-"""Ratio, of the way in the second half of a hold over the last rate times its duration: 0.75 of a
-motor that speeds up evenly, 1 at its full speed, more of one that slows down, less of one that
-swings about a place."""
-SIMPLER_SQUARES = 1.3  # squares of errors over the least, up to which a simpler start is taken
-NO_STEP_SQUARES = 0.5
-"""Squares of errors from rest over those of a settled start, below which a log that shows no angle
-begins at rest."""
-STILL = 1e-3
-"""Of full scale: a slower shaft stands still, and an angle that moves less does not answer."""
-NOTHING = 1e-6  # of full scale: a start that is less is told as 0
-WORSE_SQUARES = 4.0
-"""Ratio of squared errors, from the stated start over from the one that the first samples show, at
-which the stated one is wrong.  A poor model leaves much from either."""
-OTHER_ANGLE = 0.05
-"""Of the way of the shaft in the first part of a log: the least by which another start is off."""
-OTHER_RATE = 0.3
-"""The same of its fastest rate; readings that begin to move seem to have one at once."""
+MOVED = 0.1  # least move in a response time over the range of a reading, of a log in motion
+TURNS_ON = (0.5, 1.1)  # mean over last rate, second half of a hold: 0.75 speeds up, 1 full speed
+SIMPLER_SQUARES = 1.3  # squared errors over the least, up to which a simpler start is taken
+NO_STEP_SQUARES = 0.5  # squared errors from rest over settled ones, below which it begins at rest
+STILL = 1e-3  # part of full scale up to which a shaft stands still, or an angle does not answer
+NOTHING = 1e-6  # part of full scale up to which a start is told as 0
+WORSE_SQUARES = 4.0  # squared errors from the stated start over the seen one, at which it is wrong
+OTHER_ANGLE = 0.05  # least distance of another start over the way of the shaft in the first part
+OTHER_RATE = 0.3  # least difference over its fastest rate: readings that begin to move seem fast
 CURE = "state it by 'start' if that is wrong"
 
 

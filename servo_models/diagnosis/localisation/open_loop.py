@@ -27,10 +27,7 @@ from servo_models.diagnosis.search.selection import Selection
 from servo_models.errors import UserError
 from servo_models.identification.simulation import Run
 
-MOMENTS = (0.0, 0.5, 1.0)
-"""Moments between two samples at which a wire held between them may have been measured: a
-clock reads the first, what is held until the second was the second all the time, and the mean
-is not late for a smooth signal.  Each model is judged at the one that suits it best."""
+MOMENTS = (0.0, 0.5, 1.0)  # parts of an interval after which a held wire is read; the best counts
 OFFSET = 0.01  # offset of measured wires over their range by which a drift is found out
 DRIFTS = 1.5  # effect of an offset in the second half of a log over the first, if it drifts
 
@@ -130,7 +127,7 @@ class _Bench:
     def _least(self, values: Mapping[str, float], drifting: bool) -> float:
         """Squares that a model leaves at the moment that suits it best."""
         log, found = self.run.log, []
-        for moment in MOMENTS:
+        for moment in MOMENTS:  # of a clock, of a smooth signal, of what was held until its row
             error = self._simulated(values, moment) - log.outputs[self.name]
             if drifting:
                 error = _beside_lines(error)

@@ -22,9 +22,8 @@ from servo_models.diagnosis.localisation.samples import Samples
 
 WINDOWS = 12  # windows of time, over all logs
 REST = 0.01  # amplitude over the largest one up to which a command rests
-AMPLITUDES = (0.03, 0.1, 0.2, 0.5, 1.0)
-"""Upper edges of amplitude classes over the largest amplitude."""
-SPEEDS = (0.1, 0.4, 1.0)  # upper edges of speed classes over the largest speed
+AMPLITUDES = (0.03, 0.1, 0.2, 0.5, 1.0)  # upper edges of classes over the largest amplitude
+SPEEDS = (0.1, 0.4, 1.0)  # upper edges of classes over the largest speed
 POSITIONS = 6  # classes of position, of equal width
 ROUNDING = 1e-6  # edge over the range below which it is 0: a motion hardly ends where it began
 AROUND = 0.1  # window around reversals over the time between them

@@ -25,8 +25,7 @@ from servo_models.identification.simulation import prepared
 
 LEAST_SAMPLES_IN_A_PERIOD = 10.0  # samples in a period of the fastest resonance that logs can show
 LEAST_RIPPLE_PERIODS_IN_TRAVEL = 0.7  # fewest periods in the travel: fewer look like any load
-RESONANCE_REACH_FACTOR = 4.0
-"""Factor by which a fit may move compliance and inertia: fast ones are slow to simulate."""
+RESONANCE_REACH_FACTOR = 4.0  # reach of compliance and inertia in a fit: fast ones run slowly
 
 
 @dataclass(frozen=True)
@@ -273,10 +272,8 @@ def _narrowed(free: Free) -> Free:
 
 TRIALS_OVER_TYPICAL = (0.03, 0.1, 0.25, 0.5, 1.0, 2.0, 4.5, 10.0)
 """Trial values of a switch whose effect has none of its own."""
-SIGNED_TRIALS_OVER_TYPICAL = (0.3, 3.0)
-"""Trial values of one of either sign: the response is nearly straight."""
-SHAPED_TRIALS_OVER_TYPICAL = (0.02, 0.1, 0.5, 2.0, 8.0)
-"""Trial values of one with a shape, for each shape."""
+SIGNED_TRIALS_OVER_TYPICAL = (0.3, 3.0)  # trial values of either sign: nearly straight response
+SHAPED_TRIALS_OVER_TYPICAL = (0.02, 0.1, 0.5, 2.0, 8.0)  # trial values for each shape
 SHAPE_TRIALS_OVER_DEFAULT = (0.1, 0.3, 1.0, 3.0, 10.0)  # trial values of what is no switch
 GRID_SPACING_IN_PERIODS = 0.1  # move of the last period in a log from one grid value to the next
 LARGEST_RELATIVE_GRID_SPACING = 0.06  # spacing of grid values over the value

@@ -49,15 +49,13 @@ COARSE_RELATIVE_WIDTH = 0.01  # width of the slope along a discontinuous paramet
 WIDE_RELATIVE_CHANGES = (0.02, 0.01)
 """Changes of a discontinuous parameter before a search, in turn."""
 NARROW_RELATIVE_CHANGES = (0.005, 0.0025, 0.0012, 0.0006, 0.0003)  # changes after it
-JUMP_OVER_RANGE = 0.2
-"""Jump between two samples of a reading above which delays are tried one by one."""
+JUMP_OVER_RANGE = 0.2  # jump between samples of a reading above which delays are tried one by one
 DELAY_MOVES_IN_SAMPLES = (0.5, 1.0, 1.5, 2.5, 4.0)  # moves of the delay before such a reading
 DELAY_MOVES_IN_PERIODS = (1 / 64, 1 / 32, 1 / 16, 1 / 8, 1 / 4, 1.0, 2.0)
 """Moves of a delay before a hold: one tick off passes for friction or inertia."""
 MOVED_COST_OVER_COST = 0.98  # cost after a move over before, below which it is taken
 MOST_MOVES = 8  # moves of delays in one fit
-LEAST_ROW_SHARE = 0.7
-"""Movement by commands between rows over the structured part that it may explain."""
+LEAST_ROW_SHARE = 0.7  # movement by commands between rows over the structured part it may explain
 
 
 def discontinuous_of(problem: Problem) -> list[int]:

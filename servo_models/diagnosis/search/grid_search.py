@@ -21,16 +21,14 @@ from servo_models.identification.linear_inference import linearised
 
 BRIEF_SAMPLES = 1000  # length of the first parts of the logs, in which every value is screened
 LONG_SAMPLES = 5000  # length of the parts for the best: the longer, the narrower is the minimum
-BRIEF_MEAN_SQUARE_RATIO = 0.1
-"""Least residual power, excerpt over longer part, to screen in the excerpt."""
+BRIEF_MEAN_SQUARE_RATIO = 0.1  # least residual power, excerpt over longer part, to screen there
 VALUES_IN_LONG = 60  # values screened in the longer part after that
 VALUES_CORRECTED = 24  # values screened there with other parameters corrected, half with neighbours
 AROUND_RELATIVE = (-0.0005, 0.0005)  # offsets of these neighbours relative to the value
 AROUND_PERIOD_RELATIVE = (-0.00075, -0.0005, -0.00025, 0.00025, 0.0005, 0.00075)
 """Offsets for the period of a hold, by which the end of a log is a sample off."""
 FIRST_RELATIVE_SPACING = 0.01  # spacing of the values screened first, unless an effect is a hold
-NEIGHBOURS_LEFT_SHARE = 0.7
-"""Share of the squared errors left by the best that has its neighbours screened."""
+NEIGHBOURS_LEFT_SHARE = 0.7  # share of squared errors that the best leaves, to screen neighbours
 NEIGHBOURS_FACTOR = 2.0  # factor to either side of the best within which neighbours lie
 LEAST_MOVE = 0.2  # least change by a discontinuous effect over the residual, to be its cause
 LARGEST_MOVE = 3.0  # largest change over the residual, to be its cause

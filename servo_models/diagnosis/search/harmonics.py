@@ -32,10 +32,8 @@ from servo_models.diagnosis.search.screening import Screened, remains, scales, s
 from servo_models.identification.linear_inference import Linearisation
 from servo_models.identification.problem import Free, free_parameter
 
-SPACING_RAD = 1.0
-"""Change of a sine's phase over the travel from one count of a spectrum to the next."""
-LEAST_PERIODS_IN_TRAVEL = 2.0
-"""Fewest periods of a further sine: fewer take any shape over the position."""
+SPACING_RAD = 1.0  # change of a sine's phase over the travel between counts of a spectrum
+LEAST_PERIODS_IN_TRAVEL = 2.0  # fewest of a further sine: fewer take any shape over the position
 MOST_SAMPLES = 10_000  # samples of a log for its spectrum: twice as many take four times as long
 PEAKS = 12  # highest peaks of the spectrum that are simulated
 

@@ -20,8 +20,7 @@ from servo_models.errors import UserError
 from servo_models.identification.linear_inference import Linearisation
 
 HALVINGS = 2  # bisection steps from a masked size to the next one, which is detectable
-UNMASKED_SHARE = 0.3
-"""Share of a change left by slopes of parameters above which they do not imitate it."""
+UNMASKED_SHARE = 0.3  # share of a change left by slopes, above which parameters do not imitate it
 SHAPES_TRIED = 2  # shapes and signs of an effect, those first that may move most
 MASKED_FIT_STEPS = 8  # least-squares steps of a fit: what parameters imitate they find at once
 

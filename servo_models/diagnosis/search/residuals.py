@@ -41,10 +41,8 @@ from servo_models.identification.problem import Problem
 LONGEST_STRETCH = 48  # samples
 SHORTEST_STRETCH = 16  # samples
 LEAST_STRETCHES = 8  # stretches in a record
-LEAST_SAMPLES = SHORTEST_STRETCH * LEAST_STRETCHES
-"""Samples of a record below which all of it counts as noise."""
-NOISE_FREQUENCY_PER_SAMPLE = 0.08
-"""Frequency from which errors are noise: motion is slower if sampled well."""
+LEAST_SAMPLES = SHORTEST_STRETCH * LEAST_STRETCHES  # samples of a record: a shorter one is noise
+NOISE_FREQUENCY_PER_SAMPLE = 0.08  # frequency of noise: motion that is sampled well is slower
 NOISE_CORRELATIONS: Array = 1.0 - np.geomspace(1.0, 0.05, 40)
 """Trial correlations of neighbouring samples of noise."""
 LOUDEST_NOISE_IN_FLOORS = 7.0  # loudest noise: differences of neighbours show a sixth of slow noise

@@ -34,8 +34,7 @@ LARGEST_RIPPLE_SHARE = 10.0  # factor for a ripple, which is tried at one amplit
 LEAST_SHARE = 0.5  # least factor for a limit: a small part of what a tight one does is done by none
 VALUES_BESIDE = 6  # trial values of an effect in screening beside others and nominal parameters
 VALUES_SIMULATED = 5  # values of an effect simulated before its fit
-NEAR_RELATIVE_CHANGES = tuple(k * 4e-4 for k in range(-6, 7))
-"""Changes of a discontinuous parameter, sought again about its fitted value."""
+NEAR_RELATIVE_CHANGES = tuple(k * 4e-4 for k in range(-6, 7))  # changes sought about a fitted value
 
 
 @dataclass(frozen=True, eq=False)

@@ -46,7 +46,7 @@ from servo_models.identification.elements.estimate import (
 STILL, LINE, TOP = 0, 1, 2
 NAMES = ("positive", "negative")
 GAIN = "rad/s/V"
-ROUNDS = 20  # after which regions that still swap are left as they are
+ROUNDS = 20  # rounds after which regions that still swap are left as they are
 STEP_GAIN = "gain of the step"
 
 
