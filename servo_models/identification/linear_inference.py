@@ -751,11 +751,11 @@ class Linearisation:
     def near_start(self, whole: Array) -> dict[str, float]:
         """Return the same where it costs an error of its own to move a parameter by its scale.
 
-        Slopes that nearly cancel lead far away, and are no longer those of where they lead to.
+        Near-collinear slopes leave the linear range.
         """
         own = np.mean(self.errors**2) * np.eye(len(self.vector))
         towards = self.slopes.T @ (self.errors + whole)
-        step = least_in_box((self.gram + own)[None], towards[None], *self.room)[0]
+        step = solve_box_qp((self.gram + own)[None], towards[None], *self.room)[0]
         return self.problem.values(self.vector + step)
 
     def _step(self, towards: Array) -> Array:
@@ -764,7 +764,7 @@ class Linearisation:
         step = -half @ (half.T @ towards)
         if np.all((low <= step) & (step <= high)):
             return np.asarray(step)
-        return np.asarray(least_in_box(self.gram[None], towards[None], low, high)[0])
+        return np.asarray(solve_box_qp(self.gram[None], towards[None], low, high)[0])
 
     def cost(self, values: Mapping[str, float]) -> float:
         """Return the squared errors, priors included, that are left with these values [SI]."""
@@ -782,7 +782,7 @@ def linearised(
     return Linearisation(problem, vector, errors, slopes)
 
 
-def least_in_box(gram: Array, gradient: Array, low: Array, high: Array) -> Array:
+def solve_box_qp(gram: Array, gradient: Array, low: Array, high: Array) -> Array:
     """Return z that makes z G z / 2 + g z least between bounds, shape (k, n).
 
     Args:

@@ -43,7 +43,7 @@ from servo_models.diagnosis.schema import KINDS
 from servo_models.diagnosis.search.candidates import candidates
 from servo_models.diagnosis.search.crossval import dispersion
 from servo_models.diagnosis.search.fitting import FittedModel, Fitter
-from servo_models.diagnosis.search.joint_fits import beside
+from servo_models.diagnosis.search.joint_fits import fit_with
 from servo_models.diagnosis.search.priors import prior_parameters
 from servo_models.diagnosis.search.screening import Screened, likeliest, screen
 from servo_models.diagnosis.verdict import NO_GAP
@@ -268,7 +268,7 @@ def told(fitter: Fitter, names: Sequence[str], retuned: FittedModel) -> FittedMo
         for name in order:
             results = _screened([name], fitted_model)
             if results:
-                fitted_model = beside(fitter, fitted_model, likeliest(results))
+                fitted_model = fit_with(fitter, fitted_model, likeliest(results))
                 found.append(fitted_model)
     return min(found, key=_error)
 

@@ -13,12 +13,12 @@ from servo_models.core.types import Array
 from servo_models.data.description import read_description
 from servo_models.diagnosis.search import grid_search as staircases
 from servo_models.diagnosis.search.candidates import candidates
-from servo_models.diagnosis.search.joint_fits import beside, best_start
+from servo_models.diagnosis.search.joint_fits import best_start, fit_with
 from servo_models.diagnosis.search.priors import prior_parameters
 from servo_models.diagnosis.search.screening import (
     Detectability,
+    detectability,
     likeliest,
-    reaches,
     screen,
     screening_results,
 )
@@ -58,7 +58,7 @@ def test_a_fit_begins_where_its_effect_was_seen(name: str, size: float) -> None:
     results = screen([fitter.fit((), ()).linearised], [every[effect]])
     best = [it for it in results if name in it.settings][:1]
     assert best_start(best[0]).cost < 3.0 * best[0].left
-    assert beside(fitter, fitter.fit((), ()), likeliest(results)).values[name] == pytest.approx(
+    assert fit_with(fitter, fitter.fit((), ()), likeliest(results)).values[name] == pytest.approx(
         size, rel=0.05
     )
 
@@ -89,9 +89,9 @@ def test_what_cannot_be_simulated_is_not_seen() -> None:
     (log,) = fitter.logs
     fitter = replace(fitter, logs=[replace(log, times=0.02 * log.times)])
     one = replace(every["transport_delay"], trial_values=({"transport_delay.time": 0.05},))
-    nominal = fitter.unfit((), (), {free.name: free.nominal for free in fitter.nominal})
+    nominal = fitter.at_values((), (), {free.name: free.nominal for free in fitter.nominal})
     assert screen([nominal.linearised], [one]) == []
-    assert reaches(screening_results([nominal.linearised], [one]), [one]) == {
+    assert detectability(screening_results([nominal.linearised], [one]), [one]) == {
         "transport_delay": Detectability()
     }
 
@@ -146,4 +146,4 @@ def test_strained_parameters_count_as_their_priors_say(moved: tuple[float, float
         for free, by in zip(fitter.nominal, moved)
     }
     expected = -sum(norm.logpdf(by) - norm.logpdf(0.0) for by in moved)
-    assert fitter.unfit((), (), values).chance == pytest.approx(expected, abs=1e-9)
+    assert fitter.at_values((), (), values).chance == pytest.approx(expected, abs=1e-9)

@@ -193,7 +193,7 @@ def test_models_that_differ_above_a_frequency_get_a_command_above_it() -> None:
         log = played({name: LAG}, times, TWO_LEVELS, 1)
         fitter = Fitter(nominal(), [log], (), {"angle": FLOOR})
         effect = free_parameter(parameters[name], 0.0, None)
-        rivals.append(fitter.unfit((name.partition(".")[0],), [effect], {name: LAG}))
+        rivals.append(fitter.at_values((name.partition(".")[0],), [effect], {name: LAG}))
     found = designed(rivals)
     assert found.telling
     power = np.abs(np.fft.rfft(found.command)) ** 2
@@ -311,8 +311,8 @@ def test_a_model_that_runs_away_promises_nothing(first: Log) -> None:
     for size in (1.0, 1e-5):
         log = replace(first, outputs={"angle": size * first.outputs["angle"]})
         fitter = Fitter(nominal(), [log], (), {"angle": FLOOR})
-        other = fitter.unfit(("gain_error",), [gain], {"gain_error.error": 1.0})
-        stage = stage_of((fitter.unfit((), (), {}), other))
+        other = fitter.at_values(("gain_error",), [gain], {"gain_error.error": 1.0})
+        stage = stage_of((fitter.at_values((), (), {}), other))
         told[size] = stage.differences(Command("triangle", 0.0, 10.0, 0.05, 0)).max()
     assert told[1.0] > 100.0
     assert told[1e-5] == 0.0
@@ -326,7 +326,7 @@ def test_what_parameters_imitate_is_no_separation_however_far_they_have_to_go(fi
     fitter = Fitter(
         nominal(), [still], (free_parameter(spring, value, 10.0 * value),), {"angle": FLOOR}
     )
-    rivals = [fitter.unfit((), (), {"stiffness": by * value}) for by in (1.0, 1.5)]
+    rivals = [fitter.at_values((), (), {"stiffness": by * value}) for by in (1.0, 1.5)]
     stage = stage_of(rivals)
     command = Command("triangle", 0.0, 10.0, 0.05, 0)
     assert stage.differences(command).max() > 50.0

@@ -101,7 +101,7 @@ def limit_cycle(effect: str, step: float) -> FittedModel:
     every = {one.name: one for one in candidates(nominal, [log])}
     extra = every[effect].at({f"{effect}.step": step})
     values = {name: 1.005 * nominal.values[name], f"{effect}.step": step}
-    return fitter.unfit((effect,), extra, values)
+    return fitter.at_values((effect,), extra, values)
 
 
 def test_a_quantiser_in_the_loop_makes_it_hunt() -> None:

@@ -12,7 +12,7 @@ from servo_models.core.simulate import model, simulate
 from servo_models.diagnosis.search.candidates import candidates
 from servo_models.diagnosis.search.fitting import FittedModel, Fitter
 from servo_models.diagnosis.search.harmonics import order_peaks, sine_powers
-from servo_models.diagnosis.search.joint_fits import beside
+from servo_models.diagnosis.search.joint_fits import fit_with
 from servo_models.diagnosis.search.screening import likeliest, screen
 from servo_models.diagnosis.search.selection import SubsetSelection
 from servo_models.identification.problem import free_parameter
@@ -47,7 +47,7 @@ def searched(sines: dict[float, tuple[float, float]]) -> tuple[SubsetSelection, 
     (one,) = [it for it in candidates(plain, [log]) if it.name == "cogging"]
     results = screen((retuned.linearised,), [one])
     search = SubsetSelection(fitter, retuned, [one], results, lambda _: None)
-    return search, beside(fitter, retuned, likeliest(results))
+    return search, fit_with(fitter, retuned, likeliest(results))
 
 
 def counts_of(found: FittedModel) -> list[float]:
@@ -75,7 +75,7 @@ def test_the_spectrum_over_the_angle_has_a_peak_at_each_count() -> None:
     """However the speed changes: over time each sine would have two frequencies."""
     search, _ = searched(SINES)
     (one,), fitter = search.every, search.fitter
-    nominal = fitter.unfit((), (), {it.name: it.nominal for it in fitter.nominal})
+    nominal = fitter.at_values((), (), {it.name: it.nominal for it in fitter.nominal})
     peaks = order_peaks(nominal, one)[: len(SINES)]
     travelled = 3.5  # rad
     assert sorted(peaks) == pytest.approx(sorted(SINES), abs=1.0 / travelled)

@@ -9,7 +9,7 @@ from servo_models.core.simulate import model
 from servo_models.core.types import Array
 from servo_models.diagnosis.search.candidates import Candidate, candidates
 from servo_models.diagnosis.search.fitting import Fitter
-from servo_models.diagnosis.search.joint_fits import beside
+from servo_models.diagnosis.search.joint_fits import fit_with
 from servo_models.diagnosis.search.screening import screen, starts_of
 from servo_models.identification.problem import free_parameter
 from tests.support.logs import changed, measured
@@ -47,7 +47,7 @@ def test_a_fit_finds_the_part_that_is_kept(half_width: float, kept: float) -> No
     fitter, one = rig(half_width, kept)
     first = fitter.fit((), ())
     ((_, own),) = starts_of(screen((first.linearised,), [one]))
-    found = beside(fitter, first, own)
+    found = fit_with(fitter, first, own)
     assert found.values["drive_dead_zone.kept"] == pytest.approx(kept, abs=0.03)
     assert found.evidence.rms < 1.3
     assert first.evidence.rms > 50.0

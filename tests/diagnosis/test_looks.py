@@ -16,11 +16,11 @@ from servo_models.diagnosis.search.candidates import candidates
 from servo_models.diagnosis.search.crossval import advantage
 from servo_models.diagnosis.search.fitting import Fitter, shifted
 from servo_models.diagnosis.search.grid_search import shortlist
-from servo_models.diagnosis.search.joint_fits import beside
+from servo_models.diagnosis.search.joint_fits import fit_with
 from servo_models.diagnosis.search.screening import screen
 from servo_models.diagnosis.search.selection import passes_entry_test
 from servo_models.diagnosis.settings import DEFAULT
-from servo_models.identification.linear_inference import least_in_box, value_at
+from servo_models.identification.linear_inference import solve_box_qp, value_at
 from servo_models.identification.problem import free_parameter
 from tests.support.diagnoses import made
 from tests.support.logs import changed, log_of
@@ -38,7 +38,7 @@ def test_the_least_in_a_box_is_that_of_a_library(seed: int, twins: bool, shut: b
     if shut:
         low[:, 2] = high[:, 2]
     gram, towards = np.swapaxes(slopes, 1, 2) @ slopes, np.einsum("kmi,km->ki", slopes, errors)
-    found = least_in_box(gram, towards, low, high)
+    found = solve_box_qp(gram, towards, low, high)
     assert np.all(found >= low - 1e-12 * np.abs(low))
     assert np.all(found <= high + 1e-12 * np.abs(high))
     remains = np.sum(errors**2, axis=1) + value_at(gram, towards, found)
@@ -59,7 +59,7 @@ def test_beyond_its_bounds_a_parameter_promises_nothing() -> None:
     assert retuned.linearised.left == pytest.approx(retuned.cost, rel=1e-3)
     results = screen((retuned.linearised,), [every["sensor_offset"], every["sensor_nonlinearity"]])
     result = next(it for it in results if it.candidate.name == "sensor_offset")
-    found = beside(fitter, retuned, [result])
+    found = fit_with(fitter, retuned, [result])
     assert found.cost == pytest.approx(result.left, rel=0.02)
 
 
@@ -132,7 +132,7 @@ def test_the_best_of_many_sizes_has_to_do_more_than_one() -> None:
     fitter, every = made({"sensor_offset.value": 1e-5})
     retuned = fitter.finish(fitter.fit((), ()))
     results = screen((retuned.linearised,), [every["sensor_offset"]])
-    found = beside(fitter, retuned, results[:1])
+    found = fit_with(fitter, retuned, results[:1])
     worth = advantage(found.evidence, retuned.evidence)
     beyond = worth - DEFAULT.entry_advantage
     assert beyond > 0.0

@@ -16,9 +16,9 @@ from servo_models.data.description import read_description
 from servo_models.diagnosis.search.candidates import candidates, travel
 from servo_models.diagnosis.search.crossval import blocks, cross_validate
 from servo_models.diagnosis.search.grid_search import shortlist
-from servo_models.diagnosis.search.joint_fits import beside
+from servo_models.diagnosis.search.joint_fits import fit_with
 from servo_models.diagnosis.search.priors import PRIOR_BOUND_SIGMAS, prior_parameters
-from servo_models.diagnosis.search.screening import reaches, screen
+from servo_models.diagnosis.search.screening import detectability, screen
 from servo_models.identification.optimise import _Point, _step, descend
 from servo_models.identification.problem import Free
 from tests.support.diagnoses import made
@@ -66,7 +66,7 @@ def test_what_a_fit_has_left_does_not_change_when_it_is_fitted_on() -> None:
     """Both share a problem, which remembers only the best of all."""
     fitter, every = made({"coulomb_friction.level": 2e-3})
     level = every["coulomb_friction"].at({"coulomb_friction.level": 1e-4})
-    rough = fitter.unfit(
+    rough = fitter.at_values(
         ("coulomb_friction",), level, {f.name: f.start for f in (*fitter.nominal, *level)}
     )
     left = rough.cost
@@ -91,11 +91,11 @@ def test_a_look_promises_what_a_fit_holds_where_the_response_is_straight() -> No
     wanted = [every["sensor_offset"], every["coulomb_friction"]]
     results = screen((retuned.linearised,), wanted)
     assert results[0].candidate.name == "sensor_offset"
-    found = beside(fitter, retuned, results[:1])
+    found = fit_with(fitter, retuned, results[:1])
     assert found.cost == pytest.approx(results[0].left, rel=0.02)
     assert found.values["sensor_offset.value"] == pytest.approx(2e-3, rel=0.01)
     whole = np.sqrt(np.mean(results[0].difference ** 2))
-    shown = reaches(results, wanted)["sensor_offset"].shown
+    shown = detectability(results, wanted)["sensor_offset"].shown
     assert shown >= whole * (1.0 - 1e-6)  # of any size looked at
 
 
@@ -104,7 +104,7 @@ def test_a_look_finds_count_and_phase_of_a_ripple() -> None:
     fitter, every = made(truth)
     retuned = fitter.finish(fitter.fit((), ()))
     results = screen((retuned.linearised,), [every["cogging"]])
-    found = beside(fitter, retuned, results[:2])
+    found = fit_with(fitter, retuned, results[:2])
     assert found.values["cogging.count"] == pytest.approx(230.0, rel=0.01)
     assert found.values["cogging.torque"] == pytest.approx(4e-4, rel=0.05)
     assert found.evidence.rms == pytest.approx(1.0, abs=0.1)
@@ -116,7 +116,7 @@ def test_a_hold_is_found_though_no_size_near_it_looks_like_it() -> None:
     fitter, every = made({"sample_hold.period": period}, 2e-4, sweep=50.0)
     retuned = fitter.finish(fitter.fit((), ()))
     results = screen((retuned.linearised,), shortlist(fitter, retuned, [every["sample_hold"]]))
-    found = beside(fitter, retuned, results[:2])
+    found = fit_with(fitter, retuned, results[:2])
     assert found.values["sample_hold.period"] == pytest.approx(period, rel=2e-3)
 
 
@@ -128,7 +128,7 @@ def test_a_stiff_resonance_is_followed_beyond_its_reach() -> None:
     found = {}
     for name in ("gear_compliance", "load_inertia"):
         results = screen((retuned.linearised,), [every[name]])
-        found[name] = beside(fitter, retuned, results[:2])
+        found[name] = fit_with(fitter, retuned, results[:2])
     stiff, rigid = found["gear_compliance"], found["load_inertia"]
     assert stiff.values["gear_compliance.compliance"] == pytest.approx(0.2, rel=0.1)
     assert stiff.loss < rigid.loss
@@ -150,7 +150,7 @@ def test_a_staircase_is_found_between_the_sizes_that_are_looked_at() -> None:
     retuned = fitter.finish(fitter.fit((), ()))
     one = every["command_quantisation"]
     results = screen((retuned.linearised,), shortlist(fitter, retuned, [one]))
-    found = beside(fitter, retuned, results[:2])
+    found = fit_with(fitter, retuned, results[:2])
     assert found.values["command_quantisation.step"] == pytest.approx(3.137, rel=0.01)
     assert found.evidence.rms == pytest.approx(1.0, abs=0.15)
 

@@ -34,7 +34,7 @@ QUANTISER = "sensor_quantisation"
 def with_codes(truth: dict[str, float], step: float) -> FittedModel:
     fitter, every = made(truth, NOISE)
     values = {free.name: free.nominal for free in fitter.nominal} | {f"{QUANTISER}.step": step}
-    return fitter.unfit((QUANTISER,), every[QUANTISER].free, values)
+    return fitter.at_values((QUANTISER,), every[QUANTISER].free, values)
 
 
 def test_codes_are_as_bunched_as_the_noise_after_them_allows() -> None:
@@ -98,7 +98,9 @@ def test_where_a_reading_rests_is_no_code(seed: int) -> None:
     steps = np.geomspace(8e-4, 1e-2, 60)
     nominal = {free.name: free.nominal for free in fitter.nominal}
     seen = [
-        signature(fitter.unfit((QUANTISER,), every[QUANTISER].free, {**nominal, **size}), QUANTISER)
+        signature(
+            fitter.at_values((QUANTISER,), every[QUANTISER].free, {**nominal, **size}), QUANTISER
+        )
         for size in ({f"{QUANTISER}.step": step} for step in steps)
     ]
     assert max(it.bunched for it in seen if it) > 0.5
@@ -126,7 +128,7 @@ def test_a_delay_before_the_hold_is_waited_for_first() -> None:
     fitter, every = made(truth, 2e-5)
     free = [*every[HOLD].free, *every["transport_delay"].free]
     values = {**_values(4.1e-3), "transport_delay.time": 1.3e-3}
-    found = answered(fitter.unfit((HOLD, "transport_delay"), free, values))
+    found = answered(fitter.at_values((HOLD, "transport_delay"), free, values))
     assert found.late == pytest.approx(found.due, abs=0.3e-3)
 
 
@@ -179,5 +181,5 @@ def test_a_hold_of_an_inner_signal_is_not_judged_by_commands() -> None:
     goal = {"goal": np.repeat([0.0, 0.2, -0.1, 0.3], 100)}
     fitter = Fitter(chosen, [measured(chosen, times, goal, {"angle": 0.0})], (), {"angle": 1e-3})
     hold = free_parameter(chosen.plant.parameters[f"{HOLD}.period"], 0.0, None)
-    found = fitter.unfit((HOLD,), [hold], {hold.name: 0.02})
+    found = fitter.at_values((HOLD,), [hold], {hold.name: 0.02})
     assert signature(found, HOLD) is None

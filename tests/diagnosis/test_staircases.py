@@ -18,7 +18,7 @@ from servo_models.diagnosis.search.candidates import (
 )
 from servo_models.diagnosis.search.fitting import shifted
 from servo_models.diagnosis.search.grid_search import shortened, shortlist
-from servo_models.diagnosis.search.joint_fits import beside
+from servo_models.diagnosis.search.joint_fits import fit_with
 from servo_models.diagnosis.search.screening import screen
 from servo_models.identification.problem import Problem, free_parameter
 from tests.support.diagnoses import made
@@ -113,7 +113,7 @@ def test_a_hold_is_seen_beside_another_effect(period: float) -> None:
     fitter, every = made(truth, 2e-4, sweep=50.0)
     retuned = fitter.finish(fitter.fit((), ()))
     friction = screen((retuned.linearised,), [every["coulomb_friction"]])
-    first = beside(fitter, retuned, friction[:2])
+    first = fit_with(fitter, retuned, friction[:2])
     others = [one for one in every.values() if not one.grid]
     both = [*others, every["sample_hold"]]
     known = screen((first.linearised,), both)
@@ -184,7 +184,7 @@ def test_a_correction_that_leads_astray_is_not_followed() -> None:
     fitter, every = made(true)
     ripple = every["cogging"].at({"cogging.torque": 3e-3, "cogging.phase": 0.5})
     begin = {it.name: it.start for it in (*fitter.nominal, *ripple)}
-    seen = fitter.unfit(("cogging",), ripple, begin).linearised
+    seen = fitter.at_values(("cogging",), ripple, begin).linearised
     sizes = tuple({"sample_hold.period": 4e-3 * (1.0 + k / 500.0)} for k in range(-40, 41))
     hold = replace(every["sample_hold"], trial_values=sizes)
 

@@ -200,7 +200,7 @@ def test_each_model_is_judged_at_the_moment_that_suits_it_best() -> None:
     nominal = fitter.fit((), ())
     lag = "sensor_lag.time_constant"
     free = [free_parameter(MODEL.plant.parameters[lag], 0.0, None)]
-    late = fitter.unfit(("sensor_lag",), free, {lag: 5e-4})
+    late = fitter.at_values(("sensor_lag",), free, {lag: 5e-4})
 
     def block(taken: FittedModel) -> Bin:
         found = by_block(Selection(nominal.evidence, nominal, [], taken, {}))

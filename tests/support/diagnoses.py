@@ -44,7 +44,7 @@ HOLD = "sample_hold"
 def with_hold(truth: dict[str, float], period: float) -> FittedModel:
     """A rig, and what a hold of this period would explain of it."""
     fitter, every = made(truth, 2e-5)
-    return fitter.unfit((HOLD,), every[HOLD].free, _values(period))
+    return fitter.at_values((HOLD,), every[HOLD].free, _values(period))
 
 
 def _values(period: float) -> dict[str, float]:

@@ -121,7 +121,7 @@ def candidates(
     for parameter in model.plant.parameters.values():
         if parameter.owner:
             owned.setdefault(parameter.owner, []).append(parameter)
-    found = []
+    switched_off = []
     for name, parameters in owned.items():
         switches = [p for p in parameters if p.param.switch and p.param.typical > 0.0]
         on = any(model.values[p.name] != 0.0 for p in parameters if p.param.switch)
@@ -129,8 +129,8 @@ def candidates(
         hints = main.effect.hints
         vain = hints.learnt or (hints.of_changes and _never_changes(model, logs, main.on[0]))
         if switches and not on and not vain and name not in skipped:
-            found.append(_Off(model, logs, name, switches, parameters).candidate())
-    return tuple(found)
+            switched_off.append(_Off(model, logs, name, switches, parameters).candidate())
+    return tuple(switched_off)
 
 
 def _never_changes(model: Model, logs: Iterable[Log], wire: str) -> bool:
@@ -182,8 +182,8 @@ class _Off:
         values = self.model.values
         free = [_narrowed(free_parameter(it, values[it.name], None)) for it in self.switches]
         for parameter in self.shape:
-            one = free_parameter(parameter, values[parameter.name], None)
-            free.append(self.periodic(one) if parameter is self.shaped(self.hints.count) else one)
+            form = free_parameter(parameter, values[parameter.name], None)
+            free.append(self.periodic(form) if parameter is self.shaped(self.hints.count) else form)
         return tuple(free)
 
     def shaped(self, key: str) -> Parameter | None:
@@ -207,10 +207,10 @@ class _Off:
         if self.reads_codes:
             steps = quanta(switch, [self.wire], self.logs)
             return about_codes(switch, (it for it in steps if it.sure))
-        found = few(self.hints, self.switches, self.shape)
+        values = few(self.hints, self.switches, self.shape)
         if self.has_codes:
-            found += [{switch.name: it.size} for it in quanta(switch, self.like_it(), self.logs)]
-        return found
+            values += [{switch.name: it.size} for it in quanta(switch, self.like_it(), self.logs)]
+        return values
 
     def like_it(self) -> list[str]:
         """Outputs in the unit of the signal that it acts on."""
@@ -343,24 +343,24 @@ def on_grid(grid: Grid, switch: Parameter, divided: float) -> list[Values]:
     param = switch.param
     low = max(grid.low * param.typical, param.low)
     size = min(grid.high * param.typical, param.high)
-    found = []
+    values = []
     while size >= low:
-        found.append({switch.name: size})
+        values.append({switch.name: size})
         relative = LARGEST_RELATIVE_GRID_SPACING
         if divided > 0.0:
             relative = min(
                 max(GRID_SPACING_IN_PERIODS * size / divided, grid.least_spacing), relative
             )
         size *= 1.0 - relative
-    return found
+    return values
 
 
 def quanta(switch: Parameter, readings: Iterable[str], logs: Sequence[Log]) -> list[Step]:
     """Return the steps that code histograms of some readings suggest."""
     records = ([log.outputs[name] for log in logs if name in log.outputs] for name in readings)
-    found = [step for values in records if values for step in steps_under_noise(values)]
+    steps = [step for values in records if values for step in steps_under_noise(values)]
     least = LEAST_OVER_TYPICAL * switch.param.typical
-    return [step for step in found if least <= step.size <= switch.param.high]
+    return [step for step in steps if least <= step.size <= switch.param.high]
 
 
 def about_codes(switch: Parameter, steps: Iterable[Step]) -> list[Values]:

@@ -72,10 +72,10 @@ def blocks(problem: Problem) -> NDArray[np.int64]:
     total = sum(lengths)
     made, first = [], 0
     for log, length in zip(problem.logs, lengths):
-        own = min(max(2, round(BLOCKS * length / total)), length)  # none of a log held out whole
-        within = first + np.arange(length) * own // max(length, 1)
+        count = min(max(2, round(BLOCKS * length / total)), length)  # none of a log held out whole
+        within = first + np.arange(length) * count // max(length, 1)
         made += [within] * len(log.outputs)
-        first += own
+        first += count
     return np.concatenate(made)
 
 
@@ -100,9 +100,9 @@ def cross_validate(
     unseen = errors.copy()
     for k in range(int(parts.max()) + 1):
         rows = np.flatnonzero(parts == k)
-        own, error = slopes[rows], errors[rows]
-        step = np.linalg.lstsq(gram - own.T @ own, own.T @ error, rcond=None)[0]
-        change = own @ step
+        block, error = slopes[rows], errors[rows]
+        step = np.linalg.lstsq(gram - block.T @ block, block.T @ error, rcond=None)[0]
+        change = block @ step
         size, most = np.linalg.norm(change), LARGEST_CHANGE_OVER_ERRORS * np.linalg.norm(error)
         unseen[rows] += change * (most / size if size > most else 1.0)
     return CrossValidation(linear.vector, unseen, errors, parts)

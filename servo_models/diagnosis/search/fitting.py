@@ -100,10 +100,10 @@ def others_first(
     model = replace(problem.model, values={**problem.model.values, **sizes})
     free = [problem.free[i] for i in others]
     rest = replace(problem, model=model, free=free, start=vector[others])
-    found = vector.copy()
-    own = None if widths is None else widths[others]
-    found[others], _, _ = descend(rest, vector[others], tolerance, limit, own)
-    return found
+    fitted = vector.copy()
+    other_widths = None if widths is None else widths[others]
+    fitted[others], _, _ = descend(rest, vector[others], tolerance, limit, other_widths)
+    return fitted
 
 
 def past_an_edge(
@@ -118,14 +118,14 @@ def past_an_edge(
     delays, samples = delays_of(problem), _jumping(problem)
     if not delays or not samples or len(delays) == len(vector):
         return None
-    found = []
+    tried = []
     for move in (0.0, *(half * sample for sample in samples for half in (-0.5, 0.5))):
         begin = vector.copy()
         begin[delays] += move / problem.scales[delays]
         begin = np.clip(begin, *problem.bounds)
-        found.append(others_first(problem, begin, delays, widths, tolerance, limit))
-    before, *after = problem.costs([vector, *found])
-    return found[int(np.argmin(after))] if min(after) < MOVED_COST_OVER_COST * before else None
+        tried.append(others_first(problem, begin, delays, widths, tolerance, limit))
+    before, *after = problem.costs([vector, *tried])
+    return tried[int(np.argmin(after))] if min(after) < MOVED_COST_OVER_COST * before else None
 
 
 def sharpened(
@@ -192,21 +192,21 @@ def _periods(problem: Problem, vector: Array) -> list[float]:
     plant = problem.model.plant
     values = {**problem.model.values, **problem.values(vector)}
     places = [plant.main(name) for name in plant.placements]
-    found = [values[it.switch] for it in places if it.effect.hints.signature == "clock"]
-    return [period for period in found if period > 0.0]
+    periods = [values[it.switch] for it in places if it.effect.hints.signature == "clock"]
+    return [period for period in periods if period > 0.0]
 
 
 def _jumping(problem: Problem) -> list[float]:
     """Sampling intervals [s] of readings that jump, those once that only rounding tells apart."""
-    found: list[float] = []
+    intervals: list[float] = []
     for log in problem.logs:
         for values in log.outputs.values():
             change = np.max(np.abs(np.diff(values)), initial=0.0)
             if change > JUMP_OVER_RANGE * np.ptp(values) > 0.0:
                 step = float(np.median(np.diff(log.times)))
-                if not any(abs(step - it) <= ROUNDING * it for it in found):
-                    found.append(step)
-    return found
+                if not any(abs(step - it) <= ROUNDING * it for it in intervals):
+                    intervals.append(step)
+    return intervals
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,10 +258,11 @@ class FittedModel:
         sides, slopes = self.problem.sides(self.evidence.vector), self.linearised.slopes
         for i, free in enumerate(self.problem.free):
             if sides[i] and free.prior is None:
-                own = factors(np.delete(slopes, i, axis=1)).without(slopes[:, i])
-                outward = float(own @ self.linearised.errors) * (1.0 if sides[i] == "low" else -1.0)
+                slope = factors(np.delete(slopes, i, axis=1)).without(slopes[:, i])
+                sign = 1.0 if sides[i] == "low" else -1.0
+                outward = sign * float(slope @ self.linearised.errors)
                 beyond = self.settings.bound_advantage * self.evidence.dispersion
-                least = beyond * float(own @ own)
+                least = beyond * float(slope @ slope)
                 if outward > 0.0 and outward**2 > least:
                     return True
         return False
@@ -300,8 +301,8 @@ class FittedModel:
 
     def without(self, name: str) -> tuple[tuple[str, ...], list[Free]]:
         """Return its effects without one, and their free parameters."""
-        own = {free.name: free.name.rpartition(".")[0] for free in self.problem.free}
-        kept = [it for it in self.problem.free if it.prior is None and own[it.name] != name]
+        owners = {free.name: free.name.rpartition(".")[0] for free in self.problem.free}
+        kept = [it for it in self.problem.free if it.prior is None and owners[it.name] != name]
         return tuple(it for it in self.effects if it != name), kept
 
     @property
@@ -365,25 +366,25 @@ class Fitter:
             self.model, self.logs, free, dict(self.floors), self.workers, steps=self.steps
         )
 
-    def widened(self, found: FittedModel) -> Fitter | None:
+    def widened(self, model: FittedModel) -> Fitter | None:
         """Return a fitter with wider priors of the parameters that a fit drives far from what is
         believed, or onto a bound; None where there are none."""
-        sides, values = found.problem.sides(found.evidence.vector), found.values
+        sides, values = model.problem.sides(model.evidence.vector), model.values
         far = {
             free.name
-            for free, side in zip(found.problem.free, sides)
+            for free, side in zip(model.problem.free, sides)
             if side or abs(free.moved(values[free.name])) > self.settings.far_deviations
         }
         nominal = tuple(
-            wide if own.name in far and (wide.low, wide.high) != (own.low, own.high) else own
-            for own, wide in zip(self.nominal, self.wide)
+            wide if now.name in far and (wide.low, wide.high) != (now.low, now.high) else now
+            for now, wide in zip(self.nominal, self.wide)
         )
         return None if nominal in ((), self.nominal) else replace(self, nominal=nominal)
 
-    def with_unsure_inputs(self, found: FittedModel) -> Fitter:
+    def with_unsure_inputs(self, model: FittedModel) -> Fitter:
         """Return a fitter whose logs know what a fitted model makes of what nobody knows of their
         inputs."""
-        told = (self.model, self.logs, found.values, self.floors)
+        told = (self.model, self.logs, model.values, self.floors)
         return replace(self, logs=with_unsure_inputs(*told, self.between_rows))
 
     def unsure_between_rows(self, models: Iterable[FittedModel]) -> Fitter | None:
@@ -395,11 +396,11 @@ class Fitter:
             if far < LEAST_ROW_SHARE * model.left.structured:
                 continue
             unsure = replace(self, between_rows=True).with_unsure_inputs(model).surveyed()
-            found = unsure.anew(model)
+            again = unsure.anew(model)
             costs = [
-                one.cost + log_determinant(one.problem.logs, self.floors) for one in (model, found)
+                it.cost + log_determinant(it.problem.logs, self.floors) for it in (model, again)
             ]
-            if found.settled and costs[1] < costs[0] - self.settings.entry_advantage:
+            if again.settled and costs[1] < costs[0] - self.settings.entry_advantage:
                 return unsure
         return None
 
@@ -413,8 +414,8 @@ class Fitter:
 
     def _rough(self) -> dict[str, float]:
         problem = self.problem()
-        found = steps(problem, problem.start) if problem.free else None
-        return {} if found is None else dict(zip(problem.values(found), found.tolist()))
+        widths = steps(problem, problem.start) if problem.free else None
+        return {} if widths is None else dict(zip(problem.values(widths), widths.tolist()))
 
     def _switched_off(self) -> dict[str, float]:
         """Switches of the discontinuous effects that the model has on, at 0."""
@@ -467,16 +468,16 @@ class Fitter:
         vector = np.array(begin) / problem.scales
         tolerance, limit = self.settings.fit_tolerance, limit or self.settings.fit_steps
         ended = self._descend(problem, vector, tolerance, limit, known, enough)
-        found = self._judged(effects, problem, *ended)
-        if not self.smooth or found.settled or found.cost > HOPELESS_RATIO * enough:
-            return found
+        fitted = self._judged(effects, problem, *ended)
+        if not self.smooth or fitted.settled or fitted.cost > HOPELESS_RATIO * enough:
+            return fitted
         twin = self._twin()
         same = twin.problem(problem.free[len(self.nominal) :])
         end, _, _ = twin._descend(same, vector, tolerance, self.settings.fit_steps)
         other = self._descend(problem, end, tolerance, limit, enough=enough)
-        return min(found, self._judged(effects, problem, *other), key=lambda it: it.cost)
+        return min(fitted, self._judged(effects, problem, *other), key=lambda it: it.cost)
 
-    def unfit(
+    def at_values(
         self, effects: tuple[str, ...], extra: Sequence[Free], values: Mapping[str, float]
     ) -> FittedModel:
         """Return a fitted model with these values [SI], as it is."""
@@ -489,42 +490,42 @@ class Fitter:
         problem = self.problem()
         errors = problem.residuals(problem.nominal)
         linear = Linearisation(problem, problem.nominal, errors, np.empty((len(errors), 0)))
-        own = errors[: problem.samples]
-        evidence = CrossValidation(problem.nominal, own, own, blocks(problem))
+        data = errors[: problem.samples]
+        evidence = CrossValidation(problem.nominal, data, data, blocks(problem))
         return FittedModel(
             (), problem, linear, evidence, converged=True, chance=0.0, settings=self.settings
         )
 
-    def anew(self, found: FittedModel) -> FittedModel:
+    def anew(self, model: FittedModel) -> FittedModel:
         """Fit a model that another fitter made to the end, from its values."""
-        return self.finish(self.fit(found.effects, found.own, found.values))
+        return self.finish(self.fit(model.effects, model.own, model.values))
 
-    def again(self, found: FittedModel) -> FittedModel:
+    def again(self, model: FittedModel) -> FittedModel:
         """Fit once more from where a fit has ended."""
-        problem, settings = found.problem, self.settings
-        begin, limit = found.evidence.vector, settings.fit_steps
+        problem, settings = model.problem, self.settings
+        begin, limit = model.evidence.vector, settings.fit_steps
         ended = self._descend(problem, begin, settings.fit_tolerance, limit)
-        return self._judged(found.effects, problem, *ended)
+        return self._judged(model.effects, problem, *ended)
 
-    def finish(self, found: FittedModel) -> FittedModel:
+    def finish(self, model: FittedModel) -> FittedModel:
         """Fit to the end: what the logs leave open goes back to its prior."""
-        problem, begin = found.problem, found.evidence.vector
+        problem, begin = model.problem, model.evidence.vector
         if not problem.free:
-            return found
+            return model
         vector, met, _ = self._descend(problem, begin, FINAL_TOLERANCE, FINAL_STEPS)
         vector, ended, slopes = along_valley(problem, vector, self.widths(problem))
-        return self._judged(found.effects, problem, vector, met or ended, slopes)
+        return self._judged(model.effects, problem, vector, met or ended, slopes)
 
-    def told(self, found: FittedModel, fit: bool = True) -> FittedModel:
+    def refit_at_model_step(self, model: FittedModel, fit: bool = True) -> FittedModel:
         """Fit to the end with the model's own internal step, so that no value or error that is told
         hangs on another one; without ``fit`` the values stay."""
-        own = replace(found, problem=replace(found.problem, steps=None))
-        plain, vector = replace(self, steps=None), found.evidence.vector
+        at_model_step = replace(model, problem=replace(model.problem, steps=None))
+        plain, vector = replace(self, steps=None), model.evidence.vector
         if fit:
-            ended = plain.finish(own)
+            ended = plain.finish(at_model_step)
         else:
-            ended = plain._judged(found.effects, own.problem, vector, found.converged)
-        return replace(ended, searched=found.problem)
+            ended = plain._judged(model.effects, at_model_step.problem, vector, model.converged)
+        return replace(ended, searched=model.problem)
 
     def _judged(
         self,
@@ -540,12 +541,12 @@ class Fitter:
         evidence = cross_validate(problem, linear, blocks(problem), held)
         chance = sum(self.trials.get(name, 0.0) for name in effects)
         chance += _strangeness(problem, vector)
-        found = FittedModel(
+        model = FittedModel(
             effects, problem, linear, evidence, converged, chance, widths, settings=self.settings
         )
         # of two that do as well, the one that believes what is believed is taken
-        doubt = 0.5 * self.settings.entry_advantage if found.widened else 0.0
-        return replace(found, chance=chance + doubt)
+        doubt = 0.5 * self.settings.entry_advantage if model.widened else 0.0
+        return replace(model, chance=chance + doubt)
 
     def _descend(
         self,
@@ -597,16 +598,16 @@ def _strangeness(problem: Problem, vector: Array) -> float:
     Of a size a factor of ten is one standard deviation, so this only decides between look-alikes.
     An effect that imitates the cause often strains the parameters, which the cause itself does not.
     """
-    found, plant = 0.0, problem.model.plant
+    total, plant = 0.0, problem.model.plant
     for free, value in zip(problem.free, vector * problem.scales):
         if free.prior is not None:
-            found += 0.5 * ((value - free.nominal) / free.prior) ** 2 + np.log(free.widened)
+            total += 0.5 * ((value - free.nominal) / free.prior) ** 2 + np.log(free.widened)
     for name, value in problem.values(vector).items():
         param = plant.parameters[name].param
-        own = plant.parameters[name].owner and param.switch and param.typical > 0.0
-        if own and problem.model.values[name] == 0.0 and value != 0.0:
-            found += 0.5 * (np.log(abs(value) / param.typical) / np.log(10.0)) ** 2
-    return float(found)
+        is_size = plant.parameters[name].owner and param.switch and param.typical > 0.0
+        if is_size and problem.model.values[name] == 0.0 and value != 0.0:
+            total += 0.5 * (np.log(abs(value) / param.typical) / np.log(10.0)) ** 2
+    return float(total)
 
 
 def conditions(logs: Sequence[Log]) -> list[list[Log]]:
@@ -618,7 +619,7 @@ def conditions(logs: Sequence[Log]) -> list[list[Log]]:
     return list(groups.values())
 
 
-def leave_one_condition_out(fitter: Fitter, found: FittedModel) -> float:
+def leave_one_condition_out(fitter: Fitter, model: FittedModel) -> float:
     """Return the squared errors of each condition by fits to the others, begun where one ended.
 
     0 where there are fewer than ``least_conditions``, so that nothing speaks for or against it.
@@ -626,10 +627,10 @@ def leave_one_condition_out(fitter: Fitter, found: FittedModel) -> float:
     groups = conditions(fitter.logs)
     if len(groups) < fitter.settings.least_conditions:
         return 0.0
-    extra, lost = found.own, 0.0
+    extra, lost = model.own, 0.0
     for group in groups:
         rest = [log for other in groups if other is not group for log in other]
-        fitted = replace(fitter, logs=rest).fit(found.effects, extra, found.values)
+        fitted = replace(fitter, logs=rest).fit(model.effects, extra, model.values)
         unseen = replace(fitter, logs=group).problem(extra)
         errors = unseen.residuals(fitted.evidence.vector)[: unseen.samples]
         lost += float(errors @ errors)

@@ -73,8 +73,8 @@ class _Part:
 
     def screen(self, name: str, sizes: Iterable[Values], corrected: bool = False) -> list[Screened]:
         """Results of a discontinuous effect at some values, best first."""
-        one = replace(self.candidates[name], trial_values=tuple(sizes))
-        return screen((self.linearised,), [one], corrected)
+        candidate = replace(self.candidates[name], trial_values=tuple(sizes))
+        return screen((self.linearised,), [candidate], corrected)
 
     def _cut(self, result: Screened, rows: NDArray[np.int_]) -> Screened:
         """A result of an effect with the whole logs, as far as this part goes."""
@@ -98,12 +98,12 @@ class _Part:
 
 def _rows(whole: Sequence[Log], parts: Sequence[Log]) -> NDArray[np.int_]:
     """Which errors of whole logs are those of their first parts."""
-    found, start = [np.empty(0, dtype=int)], 0
+    places, start = [np.empty(0, dtype=int)], 0
     for full, part in zip(whole, parts):
         for _ in full.outputs:
-            found.append(start + np.arange(part.fitted.sum()))
+            places.append(start + np.arange(part.fitted.sum()))
             start += int(full.fitted.sum())
-    return np.concatenate(found)
+    return np.concatenate(places)
 
 
 def _listed(full: Candidate, parts: Mapping[int, _Part], known: Iterable[Screened]) -> Candidate:
@@ -170,31 +170,31 @@ def _about(best: Values, every: Sequence[Values]) -> list[Values]:
 
 def _thinned(every: Sequence[Values]) -> list[Values]:
     """Of sizes that fall, those that are apart from each other."""
-    found: list[Values] = []
+    kept: list[Values] = []
     last = np.inf
-    for it in every:
-        size = max(it.values())
+    for settings in every:
+        size = max(settings.values())
         if size < last * (1.0 - FIRST_RELATIVE_SPACING):
-            found.append(it)
+            kept.append(settings)
             last = size
-    return found
+    return kept
 
 
 def _fitting(sizes: Sequence[Values], name: str, known: Iterable[Screened]) -> Sequence[Values]:
     """Sizes that move about as much as there is left to explain."""
-    own = {
-        max(it.settings.values()): np.linalg.norm(it.difference) / sqrt(it.linearised.left)
-        for it in known
-        if it.candidate.name == name
+    moved = {
+        max(result.settings.values()): np.linalg.norm(result.difference)
+        / sqrt(result.linearised.left)
+        for result in known
+        if result.candidate.name == name
     }
-    if not own:
+    if not moved:
         return sizes
-    known = np.log(sorted(own))
-    moved = np.log([own[size] for size in sorted(own)])
-    wanted = np.log([max(it.values()) for it in sizes])
+    at, moves = np.log(sorted(moved.items())).T
+    wanted = np.log([max(size.values()) for size in sizes])
     # beyond the results, as far as the size does
-    found = np.interp(wanted, known, moved) + wanted - np.clip(wanted, known[0], known[-1])
-    return [it for it, size in zip(sizes, found) if log(LEAST_MOVE) < size < log(LARGEST_MOVE)]
+    expected = np.interp(wanted, at, moves) + wanted - np.clip(wanted, at[0], at[-1])
+    return [it for it, move in zip(sizes, expected) if log(LEAST_MOVE) < move < log(LARGEST_MOVE)]
 
 
 def shortened(logs: Sequence[Log], samples: int) -> tuple[Log, ...]:
@@ -205,9 +205,9 @@ def shortened(logs: Sequence[Log], samples: int) -> tuple[Log, ...]:
     """
     share = samples / sum(len(log.times) for log in logs)
     while share < 1.0:
-        found = tuple(_first(log, max(2, int(share * len(log.times)))) for log in logs)
-        if sum(int(log.fitted.sum()) for log in found) > 0.5 * samples:
-            return found
+        parts = tuple(_first(log, max(2, int(share * len(log.times)))) for log in logs)
+        if sum(int(log.fitted.sum()) for log in parts) > 0.5 * samples:
+            return parts
         share *= 2.0
     return tuple(logs)
 

@@ -39,7 +39,7 @@ PEAKS = 12  # highest peaks of the spectrum that are simulated
 
 
 def with_sines(
-    fitter: Fitter, model: FittedModel, one: Candidate, number: int
+    fitter: Fitter, model: FittedModel, ripple: Candidate, number: int
 ) -> FittedModel | None:
     """Return the best fit with so many sines of an effect, None where errors show no count.
 
@@ -49,31 +49,31 @@ def with_sines(
         one: the effect, as it is sought.
         number: of sines, 2 at least.
     """
-    effects, kept = model.without(one.name)
+    effects, kept = model.without(ripple.name)
     nominal = {free.name: free.nominal for free in fitter.nominal}
-    alone = fitter.unfit(effects, kept, {**model.values, **nominal})
-    starts = [_one_more(model, one, order_peaks(model, one), number)]
-    starts.append(_pursuit(alone, one, order_peaks(alone, one), number))
-    further = [_free(model, one, it) for it in one.hints.harmonics[: number - 1]]
-    extra = [*kept, *one.free, *chain.from_iterable(further)]
-    found = [fitter.fit((*effects, one.name), extra, it) for it in starts if it]
-    best = min(found, key=lambda it: it.cost, default=None)
+    alone = fitter.at_values(effects, kept, {**model.values, **nominal})
+    starts = [_one_more(model, ripple, order_peaks(model, ripple), number)]
+    starts.append(_pursuit(alone, ripple, order_peaks(alone, ripple), number))
+    further = [_free(model, ripple, it) for it in ripple.hints.harmonics[: number - 1]]
+    extra = [*kept, *ripple.free, *chain.from_iterable(further)]
+    fits = [fitter.fit((*effects, ripple.name), extra, it) for it in starts if it]
+    best = min(fits, key=lambda it: it.cost, default=None)
     return replace(best, chance=best.chance + number * log(PEAKS)) if best else None
 
 
 def _one_more(
-    model: FittedModel, one: Candidate, counts: Sequence[float], number: int
+    model: FittedModel, ripple: Candidate, counts: Sequence[float], number: int
 ) -> Values | None:
     """Values [SI] of a model with one more sine at the best of some counts, None where it lacks
     more than one."""
-    *before, harmonic = one.hints.harmonics[: number - 1]
-    if any(f"{one.name}.{it.share}" not in model.values for it in before):
+    *before, harmonic = ripple.hints.harmonics[: number - 1]
+    if any(f"{ripple.name}.{it.share}" not in model.values for it in before):
         return None
-    share, count = f"{one.name}.{harmonic.share}", f"{one.name}.{harmonic.count}"
+    share, count = f"{ripple.name}.{harmonic.share}", f"{ripple.name}.{harmonic.count}"
     further = replace(
-        one,
-        hints=replace(one.hints, phase=harmonic.phase, count=harmonic.count),
-        free=tuple(_free(model, one, harmonic)),
+        ripple,
+        hints=replace(ripple.hints, phase=harmonic.phase, count=harmonic.count),
+        free=tuple(_free(model, ripple, harmonic)),
         switches=(share,),
         trial_values=tuple({share: 1.0, count: it} for it in counts),
         alone=(),
@@ -85,35 +85,36 @@ def _one_more(
     return {**model.values, **start.values, **{it.name: it.start for it in start.free}}
 
 
-def _free(model: FittedModel, one: Candidate, harmonic: Harmonic) -> list[Free]:
+def _free(model: FittedModel, ripple: Candidate, harmonic: Harmonic) -> list[Free]:
     """Parameters of a further sine."""
-    chosen, found = model.problem.model, []
+    chosen, sine = model.problem.model, []
     for key in (harmonic.share, harmonic.count, harmonic.phase):
-        parameter = chosen.plant.parameters[f"{one.name}.{key}"]
+        parameter = chosen.plant.parameters[f"{ripple.name}.{key}"]
         free = free_parameter(parameter, chosen.values[parameter.name], None)
-        found.append(replace(free, low=_least_count(one)) if key == harmonic.count else free)
-    return found
+        sine.append(replace(free, low=_least_count(ripple)) if key == harmonic.count else free)
+    return sine
 
 
-def _count(one: Candidate) -> Free:
+def _count(ripple: Candidate) -> Free:
     """The count of its first sine."""
-    name = f"{one.name}.{one.hints.count}"
-    return next(it for it in one.free if it.name == name)
+    name = f"{ripple.name}.{ripple.hints.count}"
+    return next(it for it in ripple.free if it.name == name)
 
 
-def _least_count(one: Candidate) -> float:
+def _least_count(ripple: Candidate) -> float:
     """Of a further sine [periods in a turn]."""
-    return _count(one).low * LEAST_PERIODS_IN_TRAVEL / LEAST_RIPPLE_PERIODS_IN_TRAVEL
+    return _count(ripple).low * LEAST_PERIODS_IN_TRAVEL / LEAST_RIPPLE_PERIODS_IN_TRAVEL
 
 
 def _pursuit(
-    model: FittedModel, one: Candidate, counts: Sequence[float], number: int
+    model: FittedModel, ripple: Candidate, counts: Sequence[float], number: int
 ) -> Values | None:
     """Values [SI] of a model and of so many sines at some counts, None where there are fewer."""
     linear = model.linearised
-    size = one.trial_values[0][one.switches[0]]
-    trials = [{one.switches[0]: size, f"{one.name}.{one.hints.count}": it} for it in counts]
-    left = screen((linear,), [replace(one, trial_values=tuple(trials), alone=())])
+    switch = ripple.switches[0]
+    size = ripple.trial_values[0][switch]
+    trials = [{switch: size, f"{ripple.name}.{ripple.hints.count}": it} for it in counts]
+    left = screen((linear,), [replace(ripple, trial_values=tuple(trials), alone=())])
     if len(left) < number:
         return None
     taken: list[Screened] = []
@@ -141,38 +142,38 @@ def _beside(linear: Linearisation, taken: Sequence[Screened]) -> tuple[float, Ar
 def _start(linear: Linearisation, taken: Sequence[Screened], steps: Array) -> Values:
     """Values [SI] of a start: sines, the largest first, and parameters, moved by their steps where
     that leaves less."""
-    one, p = taken[0].candidate, linear.slopes.shape[1]
-    size, hints = one.trial_values[0][one.switches[0]], one.hints
-    key = f"{one.name}.{hints.count}"
+    ripple, p = taken[0].candidate, linear.slopes.shape[1]
+    size, hints = ripple.trial_values[0][ripple.switches[0]], ripple.hints
+    key = f"{ripple.name}.{hints.count}"
     sines = sorted(
         (
-            (size * hypot(*share), it.settings[key], atan2(share[1], share[0]))
-            for it, share in zip(taken, steps[p:].reshape(-1, 2))
+            (size * hypot(*share), result.settings[key], atan2(share[1], share[0]))
+            for result, share in zip(taken, steps[p:].reshape(-1, 2))
         ),
         reverse=True,
     )
     (largest, count, phase), *others = sines
-    found = {one.switches[0]: largest, key: count, f"{one.name}.{hints.phase}": phase}
+    settings = {ripple.switches[0]: largest, key: count, f"{ripple.name}.{hints.phase}": phase}
     for harmonic, (amplitude, count, phase) in zip(hints.harmonics, others):
-        own = {harmonic.share: amplitude / largest, harmonic.count: count, harmonic.phase: phase}
-        found |= {f"{one.name}.{name}": value for name, value in own.items()}
+        sine = {harmonic.share: amplitude / largest, harmonic.count: count, harmonic.phase: phase}
+        settings |= {f"{ripple.name}.{name}": value for name, value in sine.items()}
     both = [
-        {**linear.problem.values(vector), **found}
+        {**linear.problem.values(vector), **settings}
         for vector in (linear.vector, linear.vector + steps[:p])
     ]
     return min(both, key=linear.cost)
 
 
-def order_peaks(model: FittedModel, one: Candidate) -> list[float]:
+def order_peaks(model: FittedModel, ripple: Candidate) -> list[float]:
     """Return the counts [periods in a turn] at the highest peaks of errors over the angle."""
-    records = list(_over_angle(model, one))
+    records = list(_over_angle(model, ripple))
     travelled = max(float(np.ptp(angle)) for angle, _ in records)
     between = [float(np.median(np.abs(np.diff(angle)))) for angle, _ in records if len(angle) > 1]
     step = min((it for it in between if it > 0.0), default=0.0)
     if not travelled or not step:
         return []
-    high = min(_count(one).high, 2.0 * pi / (LEAST_SAMPLES_IN_A_PERIOD * step))
-    counts = np.arange(_least_count(one), high, SPACING_RAD / travelled)
+    high = min(_count(ripple).high, 2.0 * pi / (LEAST_SAMPLES_IN_A_PERIOD * step))
+    counts = np.arange(_least_count(ripple), high, SPACING_RAD / travelled)
     power = np.zeros(len(counts))
     for angle, errors in records:
         onward = np.gradient(angle) > 0.0
@@ -199,9 +200,9 @@ def sine_powers(angle: Array, values: Array, counts: Array) -> Array:
     return np.asarray(along.real**2 / (n + np.abs(double)) + along.imag**2 / rest)
 
 
-def _over_angle(model: FittedModel, one: Candidate) -> Iterator[tuple[Array, Array]]:
+def _over_angle(model: FittedModel, ripple: Candidate) -> Iterator[tuple[Array, Array]]:
     """Angle [rad] and errors [noise floors] of each output of each log, both of shape (n,)."""
-    wire = model.problem.model.plant.main(one.name).wire_of(one.hints.angle)
+    wire = model.problem.model.plant.main(ripple.name).wire_of(ripple.hints.angle)
     begin = 0
     for run in model.problem.runs:
         if not run.measured.size:

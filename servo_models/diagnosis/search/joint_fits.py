@@ -20,8 +20,8 @@ REFIT_COST = 0.5  # cost with a discontinuous effect over without, below which i
 SLOW_COST_RATIO = 0.98  # cost of a fit over the one before, above which it is the last
 
 
-def beside(
-    fitter: Fitter, first: FittedModel, own: Sequence[Screened], enough: float = inf
+def fit_with(
+    fitter: Fitter, first: FittedModel, results: Sequence[Screened], enough: float = inf
 ) -> FittedModel:
     """Fit an effect beside those of ``first``, from its results of screening there.
 
@@ -29,8 +29,8 @@ def beside(
     with half of a jump as well.  A fit that cannot leave ``enough`` squared errors ends early.
     """
     kept = first.own
-    effects = (*first.effects, own[0].candidate.name)
-    glances = [best_start(result, thorough=False) for result in own]
+    effects = (*first.effects, results[0].candidate.name)
+    glances = [best_start(result, thorough=False) for result in results]
     result = min(glances, key=lambda start: start.cost).result
     begin, slopes = best_start(result), result.linearised.slopes
     best = fitter.fit(effects, [*kept, *begin.free], begin.values, slopes, enough=enough)
@@ -41,8 +41,8 @@ def beside(
         if best.settled or best.cost > HOPELESS_RATIO * enough:
             break
         race = min(enough, best.cost)
-        found = fitter.fit(effects, [*kept, *free], values, slopes, enough=race)
-        best = min(best, found, key=lambda it: it.cost)
+        fitted = fitter.fit(effects, [*kept, *free], values, slopes, enough=race)
+        best = min(best, fitted, key=lambda it: it.cost)
     return best
 
 
@@ -55,34 +55,34 @@ def _other_shapes(glances: Iterable[Start], first: Screened) -> Iterator[Start]:
 
 
 def _half_jumps(
-    begin: Start, found: FittedModel
+    begin: Start, fitted: FittedModel
 ) -> Iterator[tuple[tuple[Free, ...], dict[str, float]]]:
     """Two starts at half of the jump, as parameters of the effect and values [SI] of the others:
     at the size that was screened, and at that which loses as much beyond the jump as a fit does.
 
     Neither suffices: between sizes and parts of a jump are ridges.
     """
-    one, result = begin.result.candidate, begin.result
-    assert one.jump
-    switch, half = one.free[0], 0.5 * one.jump.high
-    start = best_start(replace(result, settings={**result.settings, one.jump.name: half}))
+    candidate, result = begin.result.candidate, begin.result
+    assert candidate.jump
+    switch, half = candidate.free[0], 0.5 * candidate.jump.high
+    start = best_start(replace(result, settings={**result.settings, candidate.jump.name: half}))
     yield start.free, start.values
-    lost = found.values[switch.name] * (1.0 - found.values[one.jump.name])
+    lost = fitted.values[switch.name] * (1.0 - fitted.values[candidate.jump.name])
     size = min(max(lost / (1.0 - half), switch.low), switch.high)
-    own = {switch.name: size, one.jump.name: half}
-    yield one.at(own), {**found.values, **own}
+    sizes = {switch.name: size, candidate.jump.name: half}
+    yield candidate.at(sizes), {**fitted.values, **sizes}
 
 
-def _polished(fitter: Fitter, found: FittedModel, first: FittedModel) -> FittedModel:
+def _polished(fitter: Fitter, model: FittedModel, first: FittedModel) -> FittedModel:
     """Fit a promising discontinuous effect again while that helps: its value moves a little each
     time."""
     for _ in range(MOST_REFITS):
-        if found.cost > REFIT_COST * first.cost:
+        if model.cost > REFIT_COST * first.cost:
             break
-        before, found = found, fitter.again(found)
-        if found.cost > SLOW_COST_RATIO * before.cost:
+        before, model = model, fitter.again(model)
+        if model.cost > SLOW_COST_RATIO * before.cost:
             break
-    return found
+    return model
 
 
 @dataclass(frozen=True, eq=False)

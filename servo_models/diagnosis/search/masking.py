@@ -85,9 +85,9 @@ def _kind(result: Screened) -> tuple[object, ...]:
     return result.candidate.name, signs, shape
 
 
-def _promised(own: Iterable[Screened]) -> float:
+def _promised(sizes: Iterable[Screened]) -> float:
     """How far an effect moves the outputs at sizes that parameters may imitate."""
-    return max((_rms(it.change, it.linearised) for it in own if _alike(it)), default=0.0)
+    return max((_rms(it.change, it.linearised) for it in sizes if _alike(it)), default=0.0)
 
 
 def _alike(result: Screened) -> bool:
@@ -106,55 +106,55 @@ def _largest(
     while hidden < middle < shown:
         result = imitated[middle]
         start = result.linearised.start(result.change)
-        found = _masked(fitter, retuned, result.candidate, result.settings, start)
-        if found:
-            largest, hidden = found, middle
+        masked = _masked(fitter, retuned, result.candidate, result.settings, start)
+        if masked:
+            largest, hidden = masked, middle
         else:
             shown = middle
         middle = (hidden + shown) // 2
     if shown == len(imitated):
         return largest
-    one, high = imitated[shown].candidate, imitated[shown].settings
-    low = imitated[hidden].settings if hidden >= 0 else dict.fromkeys(one.switches, 0.0)
+    candidate, high = imitated[shown].candidate, imitated[shown].settings
+    low = imitated[hidden].settings if hidden >= 0 else dict.fromkeys(candidate.switches, 0.0)
     for _ in range(HALVINGS):
         between = {name: 0.5 * (low.get(name, value) + value) for name, value in high.items()}
         start = largest.fitted_model.values if largest else retuned.values
-        found = _masked(fitter, retuned, one, between, start)
-        if found:
-            low, largest = between, found
+        masked = _masked(fitter, retuned, candidate, between, start)
+        if masked:
+            low, largest = between, masked
         else:
             high = between
     return largest
 
 
 def _masked(
-    fitter: Fitter, retuned: FittedModel, one: Candidate, settings: Values, start: Values
+    fitter: Fitter, retuned: FittedModel, candidate: Candidate, settings: Values, start: Values
 ) -> MaskedEffect | None:
     """An effect at some settings with parameters re-tuned beside it, None where it shows."""
     on = replace(fitter.model, values={**fitter.model.values, **settings})
     slopes, other = retuned.linearised.slopes, replace(fitter, model=on)
-    found = other.fit((one.name,), (), start, slopes, limit=MASKED_FIT_STEPS)
-    return None if _stands_out(found, retuned) else MaskedEffect(found, _moved(found, retuned))
+    fitted = other.fit((candidate.name,), (), start, slopes, limit=MASKED_FIT_STEPS)
+    return None if _stands_out(fitted, retuned) else MaskedEffect(fitted, _moved(fitted, retuned))
 
 
-def _stands_out(found: FittedModel, retuned: FittedModel) -> bool:
+def _stands_out(model: FittedModel, retuned: FittedModel) -> bool:
     """Whether an effect leaves more of the data than noise would make of what parameters alone
     leave, or strains these further than their priors allow."""
     n = retuned.problem.samples
     more = [
-        float(it @ it) - float(was @ was)
-        for it, was in zip(
-            np.split(found.linearised.errors, [n]), np.split(retuned.linearised.errors, [n])
+        float(now @ now) - float(was @ was)
+        for now, was in zip(
+            np.split(model.linearised.errors, [n]), np.split(retuned.linearised.errors, [n])
         )
     ]
-    shown = found.settings.shown_deviations**2
+    shown = model.settings.shown_deviations**2
     return more[0] > shown * retuned.evidence.dispersion or more[1] > shown
 
 
-def _moved(found: FittedModel, retuned: FittedModel) -> float:
+def _moved(model: FittedModel, retuned: FittedModel) -> float:
     """How far an effect moves the outputs where the parameters stay, 0 where it cannot run."""
     try:
-        errors = found.problem.errors_with(retuned.values, strict=True)
+        errors = model.problem.errors_with(retuned.values, strict=True)
     except UserError:
         return 0.0
     return _rms(errors - retuned.linearised.errors, retuned.linearised)

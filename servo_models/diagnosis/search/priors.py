@@ -19,7 +19,7 @@ PRIOR_BOUND_SIGMAS = 4.0  # prior deviations that a nominal parameter may move
 def prior_parameters(told: Description, widened: float = 1.0) -> tuple[Free, ...]:
     """Return the parameters that a description gives an uncertainty, with their bounds; ``widened``
     is a factor on these uncertainties."""
-    parameters, found = told.model.plant.parameters, []
+    parameters, priors = told.model.plant.parameters, []
     uncertain = told.uncertainty.keys()
     for name, prior in told.uncertainty.items():
         if _idle(told.model, name, uncertain):
@@ -29,8 +29,8 @@ def prior_parameters(told: Description, widened: float = 1.0) -> tuple[Free, ...
         wide = widened * prior
         low, high = nominal - PRIOR_BOUND_SIGMAS * wide, nominal + PRIOR_BOUND_SIGMAS * wide
         low, high = max(free.low, low), min(free.high, high)
-        found.append(replace(free, low=low, high=high, prior=wide, widened=widened))
-    return tuple(found)
+        priors.append(replace(free, low=low, high=high, prior=wide, widened=widened))
+    return tuple(priors)
 
 
 def _idle(model: Model, name: str, uncertain: Container[str]) -> bool:

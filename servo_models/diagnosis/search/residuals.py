@@ -84,13 +84,15 @@ def residuals_of(problem: Problem, evidence: CrossValidation) -> Residuals:
     """
     power = structured = variance = noise = 0.0
     for errors, step, most in _readings(problem, evidence):
-        own, spread = _noise(errors, step**2 / 12.0)
-        allowed = min(1.0, most**2 / max(own, 1e-30))
-        own, spread = allowed * own, allowed * spread
+        noise_power, spread = _noise(errors, step**2 / 12.0)
+        allowed = min(1.0, most**2 / max(noise_power, 1e-30))
+        noise_power, spread = allowed * noise_power, allowed * spread
         beyond = np.maximum(np.abs(errors) - 0.5 * step, 0.0)
         power += float(errors @ errors)
-        noise += len(errors) * own
-        structured += min(float(errors @ errors) - len(errors) * own, float(beyond @ beyond))
+        noise += len(errors) * noise_power
+        structured += min(
+            float(errors @ errors) - len(errors) * noise_power, float(beyond @ beyond)
+        )
         variance += (len(errors) * spread) ** 2
     n = max(problem.samples, 1)
     return Residuals(
@@ -180,12 +182,12 @@ def _noise(errors: Array, white: float) -> tuple[float, float]:
     fits = [np.sum(worth * (np.log(it) + measured / it), axis=-1) for it in (density, more)]
     chance = np.exp(np.min(fits) - fits[0]) + np.exp(np.min(fits) - fits[1])
     chance /= chance.sum()
-    found = float(np.sum(chance * powers))
-    unsure = float(np.sum(chance * (powers - found) ** 2))
+    expected = float(np.sum(chance * powers))
+    unsure = float(np.sum(chance * (powers - expected) ** 2))
     memory = float(np.sum(chance * NOISE_CORRELATIONS[:, None]))
     # the noise in this record is one draw of its kind
-    drawn = 2.0 / n * (1.0 + memory**2) / (1.0 - memory**2) * found**2
-    return found + white, math.sqrt(unsure + drawn)
+    drawn = 2.0 / n * (1.0 + memory**2) / (1.0 - memory**2) * expected**2
+    return expected + white, math.sqrt(unsure + drawn)
 
 
 def _spectrum(errors: Array, window: Array) -> tuple[Array, Array]:

@@ -23,7 +23,7 @@ from servo_models.core.types import Array
 from servo_models.diagnosis.search.candidates import Candidate, Values
 from servo_models.diagnosis.search.fitting import FittedModel, delays_of
 from servo_models.errors import UserError
-from servo_models.identification.linear_inference import Linearisation, least_in_box, value_at
+from servo_models.identification.linear_inference import Linearisation, solve_box_qp, value_at
 
 CORRECTIONS = 2  # corrections of other parameters before a discontinuous one is judged
 NEIGHBOUR_RATIO = 1.05  # ratio of two values below which one correction serves both
@@ -74,8 +74,8 @@ class Screened:
     def at(self, scale: float) -> dict[str, float]:
         """Return the settings with so many times the effect, its size inside its bounds."""
         scale = 1.0 / scale if self.candidate.hints.inverse else scale
-        one = self.candidate
-        switches = {free.name: free for free in one.free if free.name in one.switches}
+        candidate = self.candidate
+        switches = {free.name: free for free in candidate.free if free.name in candidate.switches}
         return {
             name: min(max(scale * value, switches[name].low), switches[name].high)
             if name in switches
@@ -108,11 +108,11 @@ def screening_results(
     for linear in fits:
         problem = linear.problem
         base = problem.values(linear.vector)
-        tasks = [(one, sizes) for one in every for sizes in neighbours(one)]
+        tasks = [(candidate, sizes) for candidate in every for sizes in neighbours(candidate)]
         simulate = partial(corrected_changes if corrected else changes, linear, base)
-        found = problem.workers.map(simulate, tasks)
-        every_size = [(one, size) for one, sizes in tasks for size in sizes]
-        results += _results(linear, every_size, list(chain.from_iterable(found)))
+        simulated = problem.workers.map(simulate, tasks)
+        every_size = [(candidate, size) for candidate, sizes in tasks for size in sizes]
+        results += _results(linear, every_size, list(chain.from_iterable(simulated)))
     return results
 
 
@@ -130,22 +130,22 @@ def survey(
     return results
 
 
-def _at_best(one: Candidate, results: Iterable[Screened]) -> Candidate:
+def _at_best(candidate: Candidate, results: Iterable[Screened]) -> Candidate:
     """A discontinuous effect with the values that leave least: what it changes at one of them is
     not that of another."""
-    if not one.discontinuous:
-        return one
-    own = [it.settings for it in results if it.candidate.name == one.name]
-    return replace(one, trial_values=tuple(own[:VALUES_BESIDE]))
+    if not candidate.discontinuous:
+        return candidate
+    sizes = [it.settings for it in results if it.candidate.name == candidate.name]
+    return replace(candidate, trial_values=tuple(sizes[:VALUES_BESIDE]))
 
 
 def _results(
     linear: Linearisation, every: Sequence[tuple[Candidate, Values]], changes: Sequence[Array]
 ) -> list[Screened]:
-    left, share = best_scales(linear, [one for one, _ in every], changes)
+    left, share = best_scales(linear, [candidate for candidate, _ in every], changes)
     return [
-        _screened(linear, one, settings, columns, own, float(rest))
-        for (one, settings), columns, rest, own in zip(every, changes, left, share)
+        _screened(linear, candidate, settings, columns, shares, float(rest))
+        for (candidate, settings), columns, rest, shares in zip(every, changes, left, share)
     ]
 
 
@@ -165,41 +165,41 @@ def best_scales(
     low, high = np.zeros_like(towards), np.zeros_like(towards)
     gram[:, :p, :p], towards[:, :p] = linear.gram, linear.slopes.T @ linear.errors
     low[:, :p], high[:, :p] = down, up
-    for k, (one, columns) in enumerate(zip(every, changes)):
-        own = slice(p, p + columns.shape[1])
-        gram[k, :p, own] = linear.slopes.T @ columns
-        gram[k, own, :p] = gram[k, :p, own].T
-        gram[k, own, own] = columns.T @ columns
-        towards[k, own] = columns.T @ linear.errors
-        low[k, own], high[k, own] = scales(one)
+    for k, (candidate, columns) in enumerate(zip(every, changes)):
+        effect = slice(p, p + columns.shape[1])
+        gram[k, :p, effect] = linear.slopes.T @ columns
+        gram[k, effect, :p] = gram[k, :p, effect].T
+        gram[k, effect, effect] = columns.T @ columns
+        towards[k, effect] = columns.T @ linear.errors
+        low[k, effect], high[k, effect] = scales(candidate)
     left, steps = remains(linear, gram, towards, low, high)
     return left, steps[:, p:]
 
 
-def scales(one: Candidate) -> tuple[float, float]:
+def scales(candidate: Candidate) -> tuple[float, float]:
     """Between which shares of a change the best is sought."""
-    if one.ripple:
+    if candidate.ripple:
         return -LARGEST_RIPPLE_SHARE, LARGEST_RIPPLE_SHARE
-    if one.hints.inverse:
+    if candidate.hints.inverse:
         return LEAST_SHARE, LARGEST_SHARE
-    return (1.0, 1.0) if one.discontinuous else (0.0, LARGEST_SHARE)
+    return (1.0, 1.0) if candidate.discontinuous else (0.0, LARGEST_SHARE)
 
 
 def _screened(
     linear: Linearisation,
-    one: Candidate,
+    candidate: Candidate,
     settings: Values,
     columns: Array,
     share: Array,
     left: float,
 ) -> Screened:
-    if not one.ripple:
+    if not candidate.ripple:
         change = columns[:, 0]
         return Screened(
-            linear, one, settings, float(share[0]), change, linear.without(change), left
+            linear, candidate, settings, float(share[0]), change, linear.without(change), left
         )
-    at_once = {**settings, one.ripple[1]: 0.0}
-    plain = Screened(linear, one, at_once, 1.0, columns[:, 0], columns[:, 0], left, columns)
+    at_once = {**settings, candidate.ripple[1]: 0.0}
+    plain = Screened(linear, candidate, at_once, 1.0, columns[:, 0], columns[:, 0], left, columns)
     return turned(plain, share, left)
 
 
@@ -219,62 +219,62 @@ def remains(
     linear: Linearisation, gram: Array, towards: Array, low: Array, high: Array
 ) -> tuple[Array, Array]:
     """Return the squared errors that are left at the best steps inside a box, and these steps."""
-    best = least_in_box(gram, towards, low, high)
+    best = solve_box_qp(gram, towards, low, high)
     return float(linear.errors @ linear.errors) + value_at(gram, towards, best), best
 
 
-def neighbours(one: Candidate) -> list[list[Values]]:
+def neighbours(candidate: Candidate) -> list[list[Values]]:
     """Sizes of an effect that are simulated one after another: those of a discontinuous
     effect that are near each other, since one tells where the other parameters are at the next."""
-    if not one.discontinuous:
-        return [[size] for size in one.trial_values]
-    found: list[list[Values]] = []
-    for size in sorted(one.trial_values, key=lambda it: max(it.values())):
-        last = found[-1][-1] if found and len(found[-1]) < LARGEST_GROUP else None
+    if not candidate.discontinuous:
+        return [[size] for size in candidate.trial_values]
+    groups: list[list[Values]] = []
+    for size in sorted(candidate.trial_values, key=lambda it: max(it.values())):
+        last = groups[-1][-1] if groups and len(groups[-1]) < LARGEST_GROUP else None
         if last and max(size.values()) < NEIGHBOUR_RATIO * max(last.values()):
-            found[-1].append(size)
+            groups[-1].append(size)
         else:
-            found.append([size])
-    return found
+            groups.append([size])
+    return groups
 
 
 def changes(
     linear: Linearisation, base: Values, task: tuple[Candidate, Sequence[Values]]
 ) -> list[Array]:
     """Changes of the weighted errors by an effect at sizes, each of shape (m + priors, 1 or 2)."""
-    one, sizes = task
-    if one.late and _delay(linear):
+    candidate, sizes = task
+    if candidate.late and _delay(linear):
         return _held(linear, base, sizes, (0.5,))
-    return [_simulated(linear, base, one, size) for size in sizes]
+    return [_simulated(linear, base, candidate, size) for size in sizes]
 
 
 def corrected_changes(
     linear: Linearisation, base: Values, task: tuple[Candidate, Sequence[Values]]
 ) -> list[Array]:
     """The same, other parameters corrected beside a discontinuous effect."""
-    one, sizes = task
-    if not one.discontinuous:
+    candidate, sizes = task
+    if not candidate.discontinuous:
         return changes(linear, base, task)
-    if one.late and _delay(linear):
+    if candidate.late and _delay(linear):
         return _held(linear, base, sizes, DELAY_LESS_IN_PERIODS)
     whole = _difference(linear, {**base, **sizes[0]})
     if not whole.any():  # mostly since it reaches no measured output
         return [whole[:, None]] * len(sizes)
     for _ in range(CORRECTIONS - 1):
         whole = _corrected(linear, sizes[0], whole)
-    found = []
+    columns = []
     for size in sizes:
         whole = _corrected(linear, size, whole)
         if _left(linear, whole) > linear.left:  # slopes may have led astray
             whole = min(whole, _difference(linear, {**base, **size}), key=partial(_left, linear))
-        found.append(whole[:, None])
-    return found
+        columns.append(whole[:, None])
+    return columns
 
 
-def _simulated(linear: Linearisation, base: Values, one: Candidate, size: Values) -> Array:
+def _simulated(linear: Linearisation, base: Values, candidate: Candidate, size: Values) -> Array:
     """The change by an effect; of a ripple, those by its sine and by its cosine."""
-    phases = (0.0, pi / 2.0) if one.ripple else ()
-    probes = [{**size, one.ripple[1]: at} for at in phases] if one.ripple else [size]
+    phases = (0.0, pi / 2.0) if candidate.ripple else ()
+    probes = [{**size, candidate.ripple[1]: at} for at in phases] if candidate.ripple else [size]
     return np.column_stack([_difference(linear, {**base, **probe}) for probe in probes])
 
 
@@ -293,14 +293,14 @@ def _held(
     """
     delay = _delay(linear)
     least = next(free.low for free in linear.problem.free if free.name == delay)
-    found = []
+    columns = []
     for size in sizes:
         (period,) = size.values()
         sooner = dict.fromkeys(max(base[delay] - part * period, least) for part in parts)
         tried = [_change(linear, {**base, delay: time}, size) for time in sooner]
         best = tried[0] if len(tried) == 1 else min(tried, key=partial(_left, linear))
-        found.append(best[:, None])
-    return found
+        columns.append(best[:, None])
+    return columns
 
 
 def _left(linear: Linearisation, change: Array) -> float:
@@ -367,17 +367,19 @@ class Detectability:
     shown: float = 0.0
 
 
-def reaches(results: Iterable[Screened], every: Sequence[Candidate]) -> dict[str, Detectability]:
+def detectability(
+    results: Iterable[Screened], every: Sequence[Candidate]
+) -> dict[str, Detectability]:
     """Return the reach of each effect by its name, from all results."""
-    found = {one.name: Detectability() for one in every}
+    largest = {one.name: Detectability() for one in every}
     for result in results:
-        before, own = found[result.candidate.name], _reach(result)
-        larger = Detectability(max(before.moved, own.moved), max(before.shown, own.shown))
-        found[result.candidate.name] = larger
-    return found
+        before, reach = largest[result.candidate.name], _detectability(result)
+        larger = Detectability(max(before.moved, reach.moved), max(before.shown, reach.shown))
+        largest[result.candidate.name] = larger
+    return largest
 
 
-def _reach(result: Screened) -> Detectability:
+def _detectability(result: Screened) -> Detectability:
     """That of one size; of a ripple, that of the phase which does more."""
     moved, shown = result.change[:, None], result.difference[:, None]
     if result.waves is not None:
@@ -403,31 +405,33 @@ def starts_of(results: Sequence[Screened], count: int | None = None) -> Iterator
         yield name, likeliest([result for result in results if result.candidate.name == name])
 
 
-def likeliest(own: Sequence[Screened]) -> list[Screened]:
+def likeliest(results: Sequence[Screened]) -> list[Screened]:
     """Of the sizes of one effect, best first, those that are worth a simulation.
 
     A fit finds the size, but hardly another shape: of each shape the best size is one of them.
     """
     best: dict[Hashable, Screened] = {}
-    for result in own:
+    for result in results:
         best.setdefault(result.candidate.shape_at(result.settings), result)
     first = list(best.values())
-    return [*first, *(it for it in own if it not in first)][:VALUES_SIMULATED]
+    return [*first, *(it for it in results if it not in first)][:VALUES_SIMULATED]
 
 
-def _at_likely_sizes(linear: Linearisation, one: Candidate, most: float = np.inf) -> Candidate:
+def _at_likely_sizes(
+    linear: Linearisation, candidate: Candidate, most: float = np.inf
+) -> Candidate:
     """An effect at the sizes that would leave least from there, and less than ``most``, if changes
     add up.
 
     A size that does nothing alone, as a wide limit, says nothing of what it does there.
     """
-    if not one.alone or (len(one.alone) <= VALUES_BESIDE and most == np.inf):
-        return one
-    left, _ = best_scales(linear, [one] * len(one.alone), one.alone)
-    left = np.where([change.any() for change in one.alone], left, np.inf)
+    if not candidate.alone or (len(candidate.alone) <= VALUES_BESIDE and most == np.inf):
+        return candidate
+    left, _ = best_scales(linear, [candidate] * len(candidate.alone), candidate.alone)
+    left = np.where([change.any() for change in candidate.alone], left, np.inf)
     best = np.argsort(left, kind="stable")[:VALUES_BESIDE]
-    sizes = tuple(one.trial_values[i] for i in sorted(best) if left[i] <= most)
-    return replace(one, trial_values=sizes, alone=())
+    sizes = tuple(candidate.trial_values[i] for i in sorted(best) if left[i] <= most)
+    return replace(candidate, trial_values=sizes, alone=())
 
 
 def preselect(every: Iterable[Candidate], results: Sequence[Screened]) -> list[Candidate]:
@@ -436,25 +440,26 @@ def preselect(every: Iterable[Candidate], results: Sequence[Screened]) -> list[C
     Of the thousands of values of a discontinuous effect those stay that were promising once.
     Others keep all: alone, each takes the size that imitates what is missing as well.
     """
-    found = []
-    for one in every:
-        own = [result for result in results if result.candidate.name == one.name]
-        first = {_place(one, it.settings): it for it in reversed(own)}
-        if one.grid and own:
-            sizes = {_place(one, it.settings): it.settings for it in own}
-            found.append(replace(one, trial_values=tuple(sizes.values())[:VALUES_BESIDE]))
-        elif one.discontinuous or not own:
-            found.append(one)
+    chosen = []
+    for candidate in every:
+        tried = [result for result in results if result.candidate.name == candidate.name]
+        first = {_place(candidate, it.settings): it for it in reversed(tried)}
+        if candidate.grid and tried:
+            sizes = {_place(candidate, it.settings): it.settings for it in tried}
+            chosen.append(replace(candidate, trial_values=tuple(sizes.values())[:VALUES_BESIDE]))
+        elif candidate.discontinuous or not tried:
+            chosen.append(candidate)
         else:
-            none = np.zeros_like(own[0].columns)
-            known = (first.get(_place(one, size)) for size in one.trial_values)
-            found.append(replace(one, alone=tuple(it.columns if it else none for it in known)))
-    return found
+            none = np.zeros_like(tried[0].columns)
+            known = (first.get(_place(candidate, size)) for size in candidate.trial_values)
+            alone = tuple(it.columns if it else none for it in known)
+            chosen.append(replace(candidate, alone=alone))
+    return chosen
 
 
-def _place(one: Candidate, settings: Values) -> Hashable:
+def _place(candidate: Candidate, settings: Values) -> Hashable:
     """Which of its sizes some settings are: of a ripple they come with another size and phase."""
-    return tuple(it for it in settings.items() if it[0] not in (one.ripple or ()))
+    return tuple(it for it in settings.items() if it[0] not in (candidate.ripple or ()))
 
 
 class Screener:
@@ -480,10 +485,10 @@ class Screener:
         keys = {_key(first, one): one for one in others}
         new = {one.name: key for key, one in keys.items() if key not in self._known}
         self._known |= {key: [] for key in new.values()}
-        found = _screened_beside(first, [keys[key] for key in new.values()])
-        for name in names_of(found):
-            own = [result for result in found if result.candidate.name == name]
-            self._known[new[name]] = own if own[0].candidate.discontinuous else likeliest(own)
+        screened = _screened_beside(first, [keys[key] for key in new.values()])
+        for name in names_of(screened):
+            sizes = [result for result in screened if result.candidate.name == name]
+            self._known[new[name]] = sizes if sizes[0].candidate.discontinuous else likeliest(sizes)
         known = chain.from_iterable(self._known[key] for key in keys)
         return sorted(known, key=lambda result: result.left)
 
@@ -505,16 +510,16 @@ def _screened_beside(
     return screen((linear,), [_at_likely_sizes(linear, it, most=most) for it in others])
 
 
-def _key(first: FittedModel, one: Candidate) -> Hashable:
+def _key(first: FittedModel, candidate: Candidate) -> Hashable:
     """An effect at its trial values, beside those of a fit."""
-    return first, one.name, tuple(tuple(size.items()) for size in one.trial_values)
+    return first, candidate.name, tuple(tuple(size.items()) for size in candidate.trial_values)
 
 
-def _nearer(one: Candidate, model: FittedModel) -> Candidate:
+def _nearer(candidate: Candidate, model: FittedModel) -> Candidate:
     """A discontinuous effect with values very near that of a model which has it: beside another
     effect the narrow minimum may lie next to where it was alone."""
-    if not one.discontinuous or one.name not in model.effects:
-        return one
-    switch = one.free[0].name
+    if not candidate.discontinuous or candidate.name not in model.effects:
+        return candidate
+    switch = candidate.free[0].name
     near = [{switch: model.values[switch] * (1.0 + it)} for it in NEAR_RELATIVE_CHANGES]
-    return replace(one, trial_values=(*one.trial_values, *near))
+    return replace(candidate, trial_values=(*candidate.trial_values, *near))

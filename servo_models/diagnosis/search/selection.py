@@ -30,7 +30,7 @@ from servo_models.diagnosis.search.fitting import (
 )
 from servo_models.diagnosis.search.grid_search import shortlist
 from servo_models.diagnosis.search.harmonics import with_sines
-from servo_models.diagnosis.search.joint_fits import beside
+from servo_models.diagnosis.search.joint_fits import fit_with
 from servo_models.diagnosis.search.limit_cycle import lacks
 from servo_models.diagnosis.search.masking import MaskedEffect, masked_effects
 from servo_models.diagnosis.search.residuals import sure
@@ -39,8 +39,8 @@ from servo_models.diagnosis.search.screening import (
     Promising,
     Screened,
     Screener,
+    detectability,
     moving,
-    reaches,
     screen,
     starts_of,
     survey,
@@ -96,11 +96,11 @@ class Selection:
     @property
     def fitted(self) -> dict[str, FittedModel]:
         """By each effect that was fitted: alone, or else the best fitted model that has it."""
-        found: dict[str, FittedModel] = {}
-        for one in sorted(self.tried, key=lambda it: len(it.effects)):
-            for name in one.effects:
-                found.setdefault(name, one)
-        return found
+        by_effect: dict[str, FittedModel] = {}
+        for model in sorted(self.tried, key=lambda it: len(it.effects)):
+            for name in model.effects:
+                by_effect.setdefault(name, model)
+        return by_effect
 
 
 def select_effects(
@@ -150,7 +150,7 @@ def select_effects(
         ahead.remove(RETUNING)
         say(f"screening {len(every)} effects")
         nominal = {free.name: free.nominal for free in fitter.nominal}
-        others = [] if retuned.settled else [fitter.unfit((), (), nominal).linearised]
+        others = [] if retuned.settled else [fitter.at_values((), (), nominal).linearised]
         results = survey(retuned.linearised, others, every)
         search = SubsetSelection(fitter, retuned, every, results, say, enough, ahead)
         taken = search.run(answer)
@@ -163,11 +163,12 @@ def select_effects(
         retuned = search.beneath(taken)
     if search and taken is not retuned:
         search.say(f"fitting {' and '.join(taken.causes)} to the end")
-        retuned, taken = fitter.told(retuned, fit=not stop.passed), fitter.told(taken)
+        retuned = fitter.refit_at_model_step(retuned, fit=not stop.passed)
+        taken = fitter.refit_at_model_step(taken)
     elif retuned is not as_it_is:
-        taken = retuned = fitter.told(retuned)
+        taken = retuned = fitter.refit_at_model_step(retuned)
     tried = [model for model in search.tried() if model.effects] if search else []
-    reach = reaches(search.surveyed, every) if search else {}
+    reach = detectability(search.surveyed, every) if search else {}
     return Selection(before, retuned, tried, taken, reach, masked, ahead)
 
 
@@ -297,14 +298,14 @@ class SubsetSelection:
 
     def with_harmonics(self, taken: FittedModel) -> FittedModel:
         """Return a model with as many sines of each ripple as earn their place."""
-        for one in self.every:
-            if one.name not in taken.effects or not one.hints.harmonics:
+        for candidate in self.every:
+            if candidate.name not in taken.effects or not candidate.hints.harmonics:
                 continue
-            self.say(f"looking for further sines of {one.name}")
-            for number in range(2, 2 + len(one.hints.harmonics)):
+            self.say(f"looking for further sines of {candidate.name}")
+            for number in range(2, 2 + len(candidate.hints.harmonics)):
                 if taken.settled:
                     break
-                more = with_sines(self.fitter_of(taken), taken, one, number)
+                more = with_sines(self.fitter_of(taken), taken, candidate, number)
                 if more and passes_entry_test(more, taken, self.settings.entry_share_of_third):
                     taken = more
                     self.keep(taken)
@@ -378,11 +379,11 @@ class SubsetSelection:
         self.say("searching discontinuous effects")
         best = min([self.retuned, *self.best(1)], key=lambda it: it.loss)
         fitter = self.fitter_of(best)
-        there = fitter.unfit((), (), best.values)
+        there = fitter.at_values((), (), best.values)
         near = [it for it in self.results if it.linearised is self.retuned.linearised]
         short = shortlist(fitter, there, self.every, near)
-        found = screen((self.retuned.linearised, there.linearised), short)
-        self.results = sorted([*self.results, *found], key=lambda it: it.left)
+        screened = screen((self.retuned.linearised, there.linearised), short)
+        self.results = sorted([*self.results, *screened], key=lambda it: it.left)
         self.screener = Screener(self.every, self.results, self.screener)
 
     # -- exchanging --------------------------------------------------------------------------------
@@ -403,7 +404,7 @@ class SubsetSelection:
         if rivals:
             self.exchanged.add(model)
         for name in model.effects:
-            stays = self.fitter_of(model).unfit(*model.without(name), model.values)
+            stays = self.fitter_of(model).at_values(*model.without(name), model.values)
             if rivals:
                 enough, most = settings.rival_cost * model.cost, settings.fits_exchanged
             else:
@@ -422,8 +423,8 @@ class SubsetSelection:
         new = [it for it in starts if frozenset((*base.causes, it[0])) not in self.models]
         for some in (new[:first], new[first:]):  # the first tell what the others have to reach
             enough = self.to_reach(len(base.causes) + 1)
-            fit = partial(beside, fitter, base, enough=enough)
-            self.fit([((*base.causes, name), partial(fit, own)) for name, own in some])
+            fit = partial(fit_with, fitter, base, enough=enough)
+            self.fit([((*base.causes, name), partial(fit, likely)) for name, likely in some])
 
     def widen(self, base: FittedModel) -> None:
         """Fit the effects of a model with wider priors of what it drives far from what is believed:
@@ -442,14 +443,14 @@ class SubsetSelection:
     def fit(self, tasks: Sequence[Task]) -> None:
         """Fit together what can be, and keep the better of two models by the same causes."""
         fits = self.fitter.workers.map(lambda task: task[1](), tasks)
-        for (names, _), found in zip(tasks, fits):
+        for (names, _), model in zip(tasks, fits):
             self.say(f"fitting {' and '.join(names)}")
-            self.keep(found)
+            self.keep(model)
 
-    def keep(self, found: FittedModel) -> None:
-        known = self.models.get(frozenset(found.causes))
-        if known is None or found.loss < known.loss:
-            self.models[frozenset(found.causes)] = found
+    def keep(self, model: FittedModel) -> None:
+        known = self.models.get(frozenset(model.causes))
+        if known is None or model.loss < known.loss:
+            self.models[frozenset(model.causes)] = model
 
     # -- comparing ---------------------------------------------------------------------------------
 
@@ -479,7 +480,7 @@ class SubsetSelection:
             return True
         parts = [frozenset(model.causes) - {name} for name in model.causes]
         return all(
-            passes_entry_test(model, self.models[it]) for it in parts if it in self.models
+            passes_entry_test(model, self.models[part]) for part in parts if part in self.models
         ) and self.carried_over_by(model, fewer)
 
     def carried_over_by(self, model: FittedModel, fewer: FittedModel) -> bool:
@@ -534,7 +535,7 @@ class SubsetSelection:
         if np.isfinite(least):
             share = self.settings.as_good_share
             enough = self.retuned.cost + share * (least - self.retuned.cost)
-        return [(name, own) for name, own in starts if own[0].left < enough][:count]
+        return [(name, likely) for name, likely in starts if likely[0].left < enough][:count]
 
 
 def promising(
@@ -545,34 +546,34 @@ def promising(
     Of those that change the response alike only the first, if they are to be ``unlike``.
     """
     chosen: list[Screened] = []
-    for name, own in starts_of([it for it in results if it.left < enough]):
+    for name, likely in starts_of([it for it in results if it.left < enough]):
         if len(chosen) == count:
             break
-        if not (unlike and any(same(own[0], it) for it in chosen)):
-            chosen.append(own[0])
-            yield name, own
+        if not (unlike and any(same(likely[0], it) for it in chosen)):
+            chosen.append(likely[0])
+            yield name, likely
 
 
-def same(one: Screened, other: Screened) -> bool:
+def same(first: Screened, second: Screened) -> bool:
     """Return whether two effects change the response alike, beside what parameters imitate."""
-    a, b = one.difference, other.difference
+    a, b = first.difference, second.difference
     return abs(float(a @ b)) > SAME_COSINE * float(np.linalg.norm(a) * np.linalg.norm(b))
 
 
-def passes_entry_test(one: FittedModel, other: FittedModel, share: float | None = None) -> bool:
-    """Return whether ``one`` predicts what is held out of its fit surely better than ``other``.
+def passes_entry_test(model: FittedModel, other: FittedModel, share: float | None = None) -> bool:
+    """Return whether a model predicts what is held out of its fit surely better than another.
 
     ``share`` is that of the squared errors that it has to take away, by default ``entry_share``.
     """
-    settings = one.settings
+    settings = model.settings
     share = settings.entry_share if share is None else share
-    if one.held_by_bound and not other.held_by_bound:
+    if model.held_by_bound and not other.held_by_bound:
         share = max(share, settings.entry_share_on_bound)
-    least = settings.entry_advantage + 2.0 * max(one.chance - other.chance, 0.0)
+    least = settings.entry_advantage + 2.0 * max(model.chance - other.chance, 0.0)
     by_chance = not sure(other.left, settings)
-    saved = 1.0 - one.loss / other.loss if other.loss > 0.0 else 0.0
+    saved = 1.0 - model.loss / other.loss if other.loss > 0.0 else 0.0
     return (
         saved > share
-        and advantage(one.evidence, other.evidence, by_chance) > least
-        and consistency(one.evidence, other.evidence) < settings.entry_probability
+        and advantage(model.evidence, other.evidence, by_chance) > least
+        and consistency(model.evidence, other.evidence) < settings.entry_probability
     )
