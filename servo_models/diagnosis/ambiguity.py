@@ -60,17 +60,15 @@ def alternatives(
     return tuple(_slots(group, family) for group in _linked(told, _exchange)) if told else ()
 
 
-def _exchange(one: Effects, other: Effects) -> bool:
+def _exchange(first: Effects, second: Effects) -> bool:
     """Whether one effect exchanges for another while the rest stays."""
-    return len(one) == len(other) and len({*one} - {*other}) == 1
+    return len(first) == len(second) and len({*first} - {*second}) == 1
 
 
 def _slots(models: Sequence[Effects], family: Callable[[str], str]) -> tuple[Slot, ...]:
-    pairs = {
-        frozenset({*one} ^ {*other}) for one in models for other in models if _exchange(one, other)
-    }
+    pairs = {frozenset({*a} ^ {*b}) for a in models for b in models if _exchange(a, b)}
     names = list(dict.fromkeys(name for effects in models for name in effects))
-    groups = _linked(names, lambda one, other: frozenset((one, other)) in pairs)
+    groups = _linked(names, lambda a, b: frozenset((a, b)) in pairs)
     return tuple(
         Slot(tuple(group), len({*group} & {*models[0]}), words.pop() if len(words) == 1 else "")
         for group in groups

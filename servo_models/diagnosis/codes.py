@@ -51,13 +51,13 @@ def steps_under_noise(records: Sequence[Array]) -> list[Step]:
         return []
     rates, heights = _peaks(values)
     by_chance = _by_chance(len(values), MOST_CODES - FEWEST_CODES)
-    found: list[Step] = []
-    while len(rates) and len(found) < MOST_STEPS:
+    steps: list[Step] = []
+    while len(rates) and len(steps) < MOST_STEPS:
         # a noise-free quantiser has all multiples as high: the slowest is the step's own
         first = int(np.flatnonzero(heights > HIGH_OVER_HIGHEST * heights.max())[0])
         rate = float(rates[first])
         size, error = _line_through_codes(values, 1.0 / rate)
-        found.append(Step(size, error, bool(heights[first] > by_chance)))
+        steps.append(Step(size, error, bool(heights[first] > by_chance)))
         numbers = np.maximum(np.round(rates / rate), 1.0)
         apart = np.abs(rates / rate - numbers) > MULTIPLE_RELATIVE_ERROR * numbers
         if heights[first] > SHARP_HEIGHT:
@@ -66,7 +66,7 @@ def steps_under_noise(records: Sequence[Array]) -> list[Step]:
             # the noise that lowers the first multiple lowers the next more (normal law)
             apart |= heights > np.maximum(heights[first] ** numbers**2, by_chance)
         rates, heights = rates[apart], heights[apart]
-    return found
+    return steps
 
 
 def loudest(values: Array, step: float) -> float:
@@ -85,8 +85,8 @@ def loudest(values: Array, step: float) -> float:
     # codes of the readings themselves are as sharp whatever the noise
     slowest = FEWEST_CODES / reach
     fastest = min(MOST_CODES / reach, 0.5 / step if step else math.inf)
-    own = (rates >= slowest) & (rates <= fastest)
-    rates, heights = rates[own], heights[own]
+    inside = (rates >= slowest) & (rates <= fastest)
+    rates, heights = rates[inside], heights[inside]
     drawn = 0.5 * NOISE_MEMORY_SAMPLES / len(values) * np.maximum(1.0 - heights**2, 0.0)
     surely = heights - 2.0 * np.sqrt(drawn)
     told = heights > _by_chance(len(values), len(rates) / CODE_FREQUENCIES)

@@ -150,7 +150,7 @@ def next_experiments(
         return ()
     designer = ExperimentDesigner(rivals[:MOST], weights[:MOST], seed)
     separations, command = designer.best()
-    found = Experiment(
+    designed = Experiment(
         tuple(rival.effects for rival in designer.rivals),
         designer.weights,
         separations,
@@ -159,7 +159,7 @@ def next_experiments(
         designer.wire,
         designer.plan(command),
     )
-    return (replace(found, steps=tuple(_steps(designer, command, found))),)
+    return (replace(designed, steps=tuple(_steps(designer, command, designed))),)
 
 
 def repeats_wanted(
@@ -368,13 +368,13 @@ class ExperimentDesigner:
         families = [[c for c in first if c.family == family] for family in FAMILIES]
         # the two of each family that look best before anything is re-fitted
         shortlist = [c for commands in families for c in self._ranked(commands, raw)[:2]]
-        found = self._all(self.separations, shortlist)
+        separations = self._all(self.separations, shortlist)
         for ratio in (1.8, 1.35):  # steps of size and pace around the best one
-            (most, *_) = self._ranked(found, found)
-            further = [c for c in self._allowed(most.nearby(ratio)) if c not in found]
-            found |= self._all(self.separations, further)
-        likely = self._ranked(found, found)[:3]  # each is re-fitted in earnest
-        tried = {command: self.masked(command, found[command]) for command in likely}
+            (most, *_) = self._ranked(separations, separations)
+            further = [c for c in self._allowed(most.nearby(ratio)) if c not in separations]
+            separations |= self._all(self.separations, further)
+        likely = self._ranked(separations, separations)[:3]  # each is re-fitted in earnest
+        tried = {command: self.masked(command, separations[command]) for command in likely}
         (most, *_) = self._ranked(tried, tried)
         return tried[most], most
 
@@ -407,7 +407,7 @@ class ExperimentDesigner:
         return np.asarray(np.sqrt(np.mean((every[:, None] - every) ** 2, axis=2)))
 
     def _noise(self, response: Array, command: Command) -> float:
-        """Noise [floors] that the audit sees in a response without any."""
+        """Largest apparent noise [noise floors] of a clean response."""
         values = command.values(self.times)[:, None]
         parts = np.split(response, len(self.problem.sigma))
         return max(
@@ -417,19 +417,19 @@ class ExperimentDesigner:
     def separations(self, command: Command) -> Array:
         """RMS [noise floors] that rival k leaves of the response of rival i, re-fitted linearly,
         shape (n, n)."""
-        found = self.differences(command)
-        for i, k in zip(*np.nonzero(found)):
+        apart = self.differences(command)
+        for i, k in zip(*np.nonzero(apart)):
             change = self.response(i, command) - self.response(k, command)
             left = _unexplained(change, self.slopes(k, command), self.known[k])
-            found[i, k] = math.sqrt(left / len(change))
-        return found
+            apart[i, k] = math.sqrt(left / len(change))
+        return apart
 
     def masked(self, command: Command, separations: Array) -> Array:
         """The same, re-fitted in earnest where ``separations`` are large enough to matter."""
-        found = separations.copy()
+        left = separations.copy()
         for i, k in zip(*np.nonzero(separations >= TELLING)):
-            found[i, k] = min(found[i, k], self._left(command, i, k))
-        return found
+            left[i, k] = min(left[i, k], self._left(command, i, k))
+        return left
 
     def _left(self, command: Command, rig: int, model: int) -> float:
         """What a model leaves of the response of another one as the rig."""
@@ -442,19 +442,19 @@ class ExperimentDesigner:
     @cached_property
     def known(self) -> list[Array]:
         """What logs so far say of each rival's free parameters, each (p, p) per scale."""
-        found = []
+        precisions = []
         for rival in self.rivals:
             slopes = rival.problem.jacobian(rival.evidence.vector, rival.widths)
             data, priors = np.split(slopes, [rival.problem.samples])
             coloured = max(dispersion(rival.evidence.errors), 1.0)
-            found.append(data.T @ data / coloured + priors.T @ priors)
-        return found
+            precisions.append(data.T @ data / coloured + priors.T @ priors)
+        return precisions
 
-    def _ranked(self, commands: Iterable[Command], found: Mapping[Command, Array]) -> list[Command]:
+    def _ranked(self, commands: Iterable[Command], apart: Mapping[Command, Array]) -> list[Command]:
         """Commands, that with the largest divergence of its separations first."""
 
         def common(command: Command) -> float:
-            return confusion(self.weights, self.samples * found[command] ** 2, self.power)
+            return confusion(self.weights, self.samples * apart[command] ** 2, self.power)
 
         return sorted(commands, key=common)
 
@@ -573,45 +573,45 @@ def _residual_after_refit(rival: FittedModel, problem: Problem, known: Array) ->
         return np.concatenate([data(values), root @ (at(values) - start)])
 
     def slopes(values: Array) -> Array:
-        own = problem.jacobian(at(values), rival.widths, room.tolist())[: problem.samples]
-        return np.vstack([own, root[:, room]])
+        jacobian = problem.jacobian(at(values), rival.widths, room.tolist())[: problem.samples]
+        return np.vstack([jacobian, root[:, room]])
 
-    found = np.clip(start, low, high)[room]
+    fitted = np.clip(start, low, high)[room]
     if len(room):
         limits = (low[room], high[room])
-        found = least_squares(errors, found, slopes, limits, max_nfev=15).x  # near enough to rank
-    return float(np.sqrt(np.mean(data(found) ** 2)))
+        fitted = least_squares(errors, fitted, slopes, limits, max_nfev=15).x  # near enough to rank
+    return float(np.sqrt(np.mean(data(fitted) ** 2)))
 
 
 # In words
 
 
-def _steps(designer: ExperimentDesigner, command: Command, found: Experiment) -> Iterator[str]:
-    plant, plan = designer.problem.model.plant, found.plan
+def _steps(designer: ExperimentDesigner, command: Command, designed: Experiment) -> Iterator[str]:
+    plant, plan = designer.problem.model.plant, designed.plan
     duration = float(designer.times[-1])
     played_ = (
         f"ommand {command.text(designer.wire, duration)} on {designer.wire.name} for"
         f" {in_time(duration)}, log {' and '.join(designer.problem.sigma)}"
         f" at {_rate(designer.step)}."
     )
-    if found.telling:
+    if designed.telling:
         yield f"C{played_}"
     else:
         yield (
             "No command that was tried inside the limits tells"
-            f" {_listed(found.explanations, 'or')} apart. At best, c{played_}"
+            f" {_listed(designed.explanations, 'or')} apart. At best, c{played_}"
         )
     if plan.settle:
         yield f"Hold its first value for {in_time(plan.settle)} before the log begins."
     if plan.constants:
         yield f"Meanwhile {_held(plant, plan.constants)}, as in log '{plan.name}'."
     yield from _predicted(designer, command)
-    if found.telling:
-        yield from _expected(found)
+    if designed.telling:
+        yield from _expected(designed)
     else:
-        most = _few(float(found.separations.max()))
+        most = _few(float(designed.separations.max()))
         yield f"Re-fitted to what another predicts, none would leave more than {most} noise floors."
-    known = _on_record(plant, found)
+    known = _on_record(plant, designed)
     if known:
         yield f"What else separates them: {known}."
 
@@ -631,22 +631,22 @@ def _predicted(designer: ExperimentDesigner, command: Command) -> Iterator[str]:
     yield f"Predicted {output}: {', '.join(parts)}."
 
 
-def _expected(found: Experiment) -> Iterator[str]:
+def _expected(designed: Experiment) -> Iterator[str]:
     """What is expected to be left if either explanation is the right one."""
-    every = range(len(found.explanations))
+    every = range(len(designed.explanations))
     for i in every:
-        gone = [k for k in every if found.told[i, k]]
-        stay = [found.explanations[k] for k in every if k != i and k not in gone]
+        gone = [k for k in every if designed.told[i, k]]
+        stay = [designed.explanations[k] for k in every if k != i and k not in gone]
         clauses = []
         if gone:
-            least = _few(min(found.separations[i, k] for k in gone))
+            least = _few(min(designed.separations[i, k] for k in gone))
             clauses.append(
-                f"re-fitted, {_listed([found.explanations[k] for k in gone])} leave"
+                f"re-fitted, {_listed([designed.explanations[k] for k in gone])} leave"
                 f"{'s' * (len(gone) == 1)} {least} noise floors{' or more' * (len(gone) > 1)}"
             )
         if stay:
             clauses.append(f"{_listed(stay)} can still imitate it")
-        yield f"If the cause is {_names(found.explanations[i])}: {'; '.join(clauses)}."
+        yield f"If the cause is {_names(designed.explanations[i])}: {'; '.join(clauses)}."
 
 
 def _rate(step: float) -> str:
@@ -681,14 +681,14 @@ def _held(plant: Plant, constants: Mapping[str, float]) -> str:
     return ", ".join(parts)
 
 
-def _on_record(plant: Plant, found: Experiment) -> str:
+def _on_record(plant: Plant, designed: Experiment) -> str:
     """What is known to separate effects of explanations that stay together."""
     texts = [
         experiment(cause(a, plant), cause(b, plant), plant)
-        for i, k in combinations(range(len(found.explanations)), 2)
-        if not (found.told[i, k] and found.told[k, i])
-        for a in found.explanations[i]
-        for b in found.explanations[k]
-        if a not in found.explanations[k] and b not in found.explanations[i]
+        for i, k in combinations(range(len(designed.explanations)), 2)
+        if not (designed.told[i, k] and designed.told[k, i])
+        for a in designed.explanations[i]
+        for b in designed.explanations[k]
+        if a not in designed.explanations[k] and b not in designed.explanations[i]
     ]
     return "; ".join(dict.fromkeys(filter(None, texts)))

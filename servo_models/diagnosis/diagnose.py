@@ -94,15 +94,15 @@ def diagnose(
     check_duration(told.model, told.logs)
     with stop:
         with Workers(jobs) as workers:
-            found = _diagnose(told, tolerance, seed, workers, left_out, tell, stop, settings)
-        found = replace(found, flags=flags)
-        if fmu and (found.within_tolerance or not stop.passed):
-            found = _confirmed(found, tell)
+            diagnosis = _diagnose(told, tolerance, seed, workers, left_out, tell, stop, settings)
+        diagnosis = replace(diagnosis, flags=flags)
+        if fmu and (diagnosis.within_tolerance or not stop.passed):
+            diagnosis = _confirmed(diagnosis, tell)
         elif fmu:
-            found = replace(found, unfinished=(*found.unfinished, "the run of its FMU"))
-    if found.within_tolerance or not stop.passed:
-        return found
-    return found.without_next(stop.why)
+            diagnosis = replace(diagnosis, unfinished=(*diagnosis.unfinished, "the run of its FMU"))
+    if diagnosis.within_tolerance or not stop.passed:
+        return diagnosis
+    return diagnosis.without_next(stop.why)
 
 
 def _audited(told: Description) -> tuple[Audit, ...]:
@@ -114,16 +114,16 @@ def _audited(told: Description) -> tuple[Audit, ...]:
     )
 
 
-def _confirmed(found: Diagnosis, tell: Tell | None) -> Diagnosis:
+def _confirmed(diagnosis: Diagnosis, tell: Tell | None) -> Diagnosis:
     """The diagnosis with its model run as an FMU; what took minutes is kept where that fails."""
     if tell:
         tell("running the FMU with the diagnosed parameters")
     try:
-        confirmation = confirm.confirm(found.fitted, found.selection, found.logs)
+        confirmation = confirm.confirm(diagnosis.fitted, diagnosis.selection, diagnosis.logs)
     except UserError as error:
         why = f"cannot be run here: all figures are those of the simulation without one ({error})"
-        return replace(found, unconfirmed=why)
-    return replace(found, confirmation=confirmation, unconfirmed=confirmation.doubt)
+        return replace(diagnosis, unconfirmed=why)
+    return replace(diagnosis, confirmation=confirmation, unconfirmed=confirmation.doubt)
 
 
 def _diagnose(

@@ -92,24 +92,24 @@ def _stages(selection: Selection) -> dict[str, CrossValidation]:
 
 def rows_of(problem: Problem) -> dict[str, NDArray[np.int64]]:
     """Return which weighted errors belong to each output, by name."""
-    found: dict[str, list[NDArray[np.int64]]] = {}
+    rows: dict[str, list[NDArray[np.int64]]] = {}
     start = 0
     for log in problem.logs:
         count = int(log.fitted.sum())
         for name in log.outputs:
-            found.setdefault(name, []).append(np.arange(start, start + count))
+            rows.setdefault(name, []).append(np.arange(start, start + count))
             start += count
-    return {name: np.concatenate(parts) for name, parts in found.items()}
+    return {name: np.concatenate(parts) for name, parts in rows.items()}
 
 
-def not_followed(found: FittedModel, least: float = 0.0) -> tuple[str, ...]:
+def not_followed(model: FittedModel, least: float = 0.0) -> tuple[str, ...]:
     """Return outputs that a fitted model hardly follows, missed by ``least`` noise floors."""
-    problem, names = found.problem, []
+    problem, names = model.problem, []
     for name, rows in rows_of(problem).items():
-        own = [log.outputs[name][log.fitted] for log in problem.logs if name in log.outputs]
-        motion = float(np.std(np.concatenate(own))) / problem.sigma[name]
-        left = float(np.sqrt(np.mean(found.evidence.unseen[rows] ** 2))) if len(rows) else 0.0
-        if left > max(found.settings.followed_share * motion, least):
+        readings = [log.outputs[name][log.fitted] for log in problem.logs if name in log.outputs]
+        motion = float(np.std(np.concatenate(readings))) / problem.sigma[name]
+        left = float(np.sqrt(np.mean(model.evidence.unseen[rows] ** 2))) if len(rows) else 0.0
+        if left > max(model.settings.followed_share * motion, least):
             names.append(name)
     return tuple(names)
 
@@ -148,11 +148,11 @@ def _gap_summary(
 ) -> GapSummary:
     """RMS of some weighted errors by stage; ``scale`` is one of them in the unit of ``floor``."""
     counts = np.bincount(stages["before"].parts[rows]).astype(float)
-    own = counts > 0.0  # blocks of logs without this output know nothing of it
-    counts = counts[own]
+    used = counts > 0.0  # blocks of logs without this output know nothing of it
+    counts = counts[used]
     losses = {
-        stage: np.bincount(one.parts[rows], (scale * one.unseen[rows]) ** 2)[own]
-        for stage, one in stages.items()
+        stage: np.bincount(evidence.parts[rows], (scale * evidence.unseen[rows]) ** 2)[used]
+        for stage, evidence in stages.items()
     }
     random = np.random.default_rng(seed)
     draws = random.integers(0, len(counts), (DRAWS, len(counts)))

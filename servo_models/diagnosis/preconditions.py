@@ -37,7 +37,7 @@ def without_flags(logs: Iterable[Log], plant: Plant) -> tuple[tuple[Log, ...], t
     Raises:
         UserError: a log with no other output.
     """
-    found, left_out = [], dict[str, None]()
+    others, left_out = [], dict[str, None]()
     for log in logs:
         flags = [name for name in log.outputs if plant.wire[name].flag]
         kept = {name: it for name, it in log.outputs.items() if name not in flags}
@@ -47,8 +47,8 @@ def without_flags(logs: Iterable[Log], plant: Plant) -> tuple[tuple[Log, ...], t
                 " that is measured"
             )
         left_out |= dict.fromkeys(flags)
-        found.append(replace(log, outputs=kept) if flags else log)
-    return tuple(found), tuple(left_out)
+        others.append(replace(log, outputs=kept) if flags else log)
+    return tuple(others), tuple(left_out)
 
 
 def imitators(audits: Iterable[Audit], plant: Plant) -> tuple[str, ...]:

@@ -125,11 +125,11 @@ class ResidualMap:
         """Parameters [SI] of the diagnosed model and of the map, by name."""
         largest = max(float(np.abs(curve.values).max()) for curve in self.curves)
         plant = self.fitted.problem.model.plant
-        own = _settings(
+        settings = _settings(
             plant, self.name, self.size, largest, {it.regressor: it for it in self.curves}
         )
         fitted = {n: v for n, v in self.fitted.values.items() if not n.startswith(f"{self.name}.")}
-        return {**fitted, **own}
+        return {**fitted, **settings}
 
 
 def form(curve: Curve) -> str:
@@ -147,9 +147,9 @@ def form(curve: Curve) -> str:
         best = min(BENT, key=lambda it: powers[it].left)
         sure = _surely_less(powers[best].left, powers[PROPORTION].left, len(x) - POWER_TERMS)
         for power in (best, PROPORTION) if sure else (PROPORTION, best):
-            found = powers[power]
-            if found.left <= 1.0 - SIMPLE:
-                return f"{POWERS[power]} {of}{_one_way(found.up, found.down, of)}"
+            fit = powers[power]
+            if fit.left <= 1.0 - SIMPLE:
+                return f"{POWERS[power]} {of}{_one_way(fit.up, fit.down, of)}"
     for bend in x[1:-1]:
         basis = [np.ones(len(x)), x / scale, np.maximum(x - bend, 0.0) / scale]
         (_, before, more), share = _explained(basis, y, weights)
@@ -202,10 +202,10 @@ def _one_way(up: float, down: float, of: str) -> str:
 def _explained(basis: Sequence[Array], y: Array, weights: Array) -> tuple[Array, float]:
     """Coefficients of a weighted fit, and the share of the variance that it explains."""
     columns = np.column_stack(basis)
-    found = np.linalg.lstsq(columns * weights[:, None], y * weights, rcond=None)[0]
-    left = (y - columns @ found) * weights
+    coefficients = np.linalg.lstsq(columns * weights[:, None], y * weights, rcond=None)[0]
+    left = (y - columns @ coefficients) * weights
     whole = (y - np.average(y, weights=weights**2)) * weights
-    return np.asarray(found), 1.0 - float(left @ left) / max(float(whole @ whole), 1e-300)
+    return np.asarray(coefficients), 1.0 - float(left @ left) / max(float(whole @ whole), 1e-300)
 
 
 def learn(taken: FittedModel, retuned: FittedModel | None = None) -> ResidualMap | None:
@@ -253,16 +253,16 @@ def _learnt(base: FittedModel, name: str, taken: FittedModel) -> ResidualMap | N
     return best.wire.told(best.curves, fitted, taken.evidence.rms)
 
 
-def _held_out(found: FittedModel) -> float:
+def _held_out(model: FittedModel) -> float:
     """Mean squared errors of all samples that the description holds out, 0 where there are none."""
-    squares = np.concatenate([*found.problem.held_out_squares(found.values), np.empty(0)])
+    squares = np.concatenate([*model.problem.held_out_squares(model.values), np.empty(0)])
     return float(np.mean(squares)) if len(squares) else 0.0
 
 
-def _better(one: Judged, other: Judged, least: float) -> bool:
+def _better(new: Judged, other: Judged, least: float) -> bool:
     """Whether unseen errors are smaller by a share of their squares at least, and surely."""
-    gain = 1.0 - float(one.losses.sum() / other.losses.sum())
-    return gain >= least and consistency(one, other) <= SURE
+    gain = 1.0 - float(new.losses.sum() / other.losses.sum())
+    return gain >= least and consistency(new, other) <= SURE
 
 
 @dataclass(frozen=True, eq=False)
@@ -305,17 +305,18 @@ def _settings(
     curves: Mapping[str, Curve | tuple[_Range, Array]],
 ) -> dict[str, float]:
     """All parameters [SI] of a map; ``curves`` are in the unit of the wire."""
-    found = {f"{name}.{it}": size if it == size_key else 0.0 for it in _sizes(plant, name)}
+    settings = {f"{name}.{it}": size if it == size_key else 0.0 for it in _sizes(plant, name)}
     for key in CURVES:
         if f"{name}.{key}" in plant.parameters:
-            found[f"{name}.{key}"] = float(key in curves)
+            settings[f"{name}.{key}"] = float(key in curves)
     for key, curve in curves.items():
         knots, values = (
             (curve.knots, curve.values) if isinstance(curve, Curve) else (curve[0].knots, curve[1])
         )
-        found[f"{name}.{key}_low"], found[f"{name}.{key}_high"] = float(knots[0]), float(knots[-1])
-        found |= dict(zip(_knots(name, key), (values / size).tolist()))
-    return found
+        settings[f"{name}.{key}_low"] = float(knots[0])
+        settings[f"{name}.{key}_high"] = float(knots[-1])
+        settings |= dict(zip(_knots(name, key), (values / size).tolist()))
+    return settings
 
 
 def _knots(name: str, key: str) -> list[str]:
@@ -336,8 +337,8 @@ class _Penalised(Problem):
     rows: Array = field(default_factory=lambda: np.empty((0, 0)))
 
     def errors_with(self, values: Mapping[str, float], strict: bool = False) -> Array:
-        own = super().errors_with(values, strict)
-        return np.concatenate([own, self.rows @ np.array([values[it] for it in self.names])])
+        errors = super().errors_with(values, strict)
+        return np.concatenate([errors, self.rows @ np.array([values[it] for it in self.names])])
 
 
 @dataclass(frozen=True, eq=False)
@@ -397,8 +398,8 @@ class _OnWire:
     def slopes(self) -> dict[str, Array]:
         """What a probe at each knot does to the errors, shape (m, KNOTS), by key."""
         tasks = [(key, unit) for key in self.ranges for unit in np.eye(KNOTS)]
-        found = iter(self.problem.workers.map(lambda it: self.change(self.probe, *it), tasks))
-        return {key: np.column_stack([next(found) for _ in range(KNOTS)]) for key in self.ranges}
+        changes = iter(self.problem.workers.map(lambda it: self.change(self.probe, *it), tasks))
+        return {key: np.column_stack([next(changes) for _ in range(KNOTS)]) for key in self.ranges}
 
     @cached_property
     def blocks(self) -> tuple[Array, Array, Array]:
@@ -486,10 +487,10 @@ class _OnWire:
         usual = np.full(p, DIFFERENCE) if self.taken.widths is None else self.taken.widths
         widths = np.concatenate([usual, np.full(len(begin) - p, KNOT_WIDTH_IN_PROBES)])
         vector, met, slopes = descend(problem, begin, FIT_TOLERANCE, FIT_STEPS, widths, known)
-        found = linearised(problem, vector, widths, slopes)
-        evidence = cross_validate(problem, found, blocks(problem), discontinuous_of(problem))
+        linear = linearised(problem, vector, widths, slopes)
+        evidence = cross_validate(problem, linear, blocks(problem), discontinuous_of(problem))
         effects, settings = self.taken.effects, self.taken.settings
-        return FittedModel(effects, problem, found, evidence, met, 0.0, widths, settings=settings)
+        return FittedModel(effects, problem, linear, evidence, met, 0.0, widths, settings=settings)
 
     def penalised(self, keys: Sequence[str], penalty: float) -> _Penalised:
         """The problem of that fit; its knots may go up to full scale."""

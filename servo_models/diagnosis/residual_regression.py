@@ -207,17 +207,17 @@ def locked_test(records: Sequence[Record]) -> LockedTest:
     logs = {log: i for i, log in enumerate(sorted({record.log for record in records}))}
     turns = np.random.default_rng(0).uniform(LEAST_SHIFT, 1.0 - LEAST_SHIFT, (SHIFTS, len(logs)))
     shifts = np.vstack([np.zeros(len(logs)), turns])  # the errors as they are come first
-    found = [
-        [one.explained({log: turn[i] for log, i in logs.items()}) for turn in shifts]
-        for one in regressions
+    explained = [
+        [regression.explained({log: turn[i] for log, i in logs.items()}) for turn in shifts]
+        for regression in regressions
     ]
-    white, coloured = np.sum(found, axis=0).T
+    white, coloured = np.sum(explained, axis=0).T
     samples = sum(map(_samples, every))
     return LockedTest(
         p_value=float(np.mean(white >= white[0])),
         explained=math.sqrt(max(float(coloured[0] - coloured[1:].mean()), 0.0) / samples),
         share_explained=max(float(white[0] - white[1:].mean()), 0.0) / samples,
-        strongest=max((one.strongest() for one in regressions), key=lambda named: named[1])[0],
+        strongest=max((it.strongest() for it in regressions), key=lambda named: named[1])[0],
     )
 
 
@@ -238,11 +238,11 @@ class _Regression:
         # what parameters can do has been done by the fit
         whole, done = self._white(functions), self._white(known)
         imitated = np.linalg.lstsq(done, whole, rcond=DEPENDENT)[0]
-        own = whole - done @ imitated
-        lengths = np.linalg.norm(own, axis=0)
+        left = whole - done @ imitated
+        lengths = np.linalg.norm(left, axis=0)
         new = lengths > DEPENDENT * np.linalg.norm(whole, axis=0)
         scale = np.where(new, 1.0 / np.where(new, lengths, 1.0), 0.0)
-        self.functions = own * scale
+        self.functions = left * scale
         self.basis, singular, right = np.linalg.svd(self.functions, full_matrices=False)
         self.kept = singular**2 / (singular**2 + RIDGE)
         back = (functions - known @ imitated) * scale @ (right.T * (self.kept / _safe(singular)))
@@ -256,8 +256,8 @@ class _Regression:
         """
         parts = zip(self.logs, np.split(self.errors, self.cuts))
         shifted = [np.roll(part, round(shifts[log] * len(part))) for log, part in parts]
-        found = np.concatenate(shifted) @ self.basis
-        return float(found**2 @ self.kept) / self.power, float(found @ self.gram @ found)
+        along = np.concatenate(shifted) @ self.basis
+        return float(along**2 @ self.kept) / self.power, float(along @ self.gram @ along)
 
     def strongest(self) -> tuple[str, float]:
         """Return the function that explains most alone, and how many squares over their mean."""

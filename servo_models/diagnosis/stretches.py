@@ -46,7 +46,7 @@ class HeldOut(Document, frozen=True):
 
 def held_out_scores(selection: Selection) -> tuple[HeldOut, ...]:
     """Return what the fitted model that was taken does to each log with samples held out."""
-    found = []
+    scores = []
     stages = (selection.retuned, selection.taken)
     pairs = zip(*(it.problem.held_out_squares(it.values) for it in stages))
     for log, (old, new) in zip(selection.taken.problem.logs, pairs):
@@ -54,8 +54,8 @@ def held_out_scores(selection: Selection) -> tuple[HeldOut, ...]:
             parts = np.arange(len(old)) * BLOCKS // len(old)
             retuned, after = (float(np.sqrt(part.mean())) for part in (old, new))
             grown = np.isnan(after) or grows(old, new, np.zeros_like(parts), parts, 1)[0]
-            found.append(HeldOut(log.name, retuned, after, bool(grown) and not np.isnan(retuned)))
-    return tuple(found)
+            scores.append(HeldOut(log.name, retuned, after, bool(grown) and not np.isnan(retuned)))
+    return tuple(scores)
 
 
 @dataclass(frozen=True)
@@ -88,8 +88,8 @@ def unlike_parts(fitter: Fitter, selection: Selection) -> tuple[Part, ...]:
         fitted = list(_fitted(fitter, parts, model)) if model.problem.free else []
         if fitted and len(fitted) == len(parts):
             return tuple(
-                Part(log.name, half, value, one.evidence.rms)
-                for (log, half), one, value in zip(parts, fitted, _most_apart(fitted))
+                Part(log.name, half, value, alone.evidence.rms)
+                for (log, half), alone, value in zip(parts, fitted, _most_apart(fitted))
             )
     return ()
 
@@ -111,10 +111,10 @@ def _fitted(
 ) -> Iterator[FittedModel]:
     """The model fitted to each part, up to one that it does not explain."""
     for log, _ in parts:
-        found = replace(fitter, logs=(log,)).anew(model)
-        if lacks(found, found) or found.evidence.rms > fitter.settings.enough_floors:
+        alone = replace(fitter, logs=(log,)).anew(model)
+        if lacks(alone, alone) or alone.evidence.rms > fitter.settings.enough_floors:
             return
-        yield found
+        yield alone
 
 
 def _most_apart(fitted: Sequence[FittedModel]) -> list[Value]:

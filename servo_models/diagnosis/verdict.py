@@ -125,8 +125,8 @@ def parameters_explain(selection: Selection) -> bool:
 
 def _locked(taken: FittedModel) -> LockedTest:
     slopes = taken.linearised.slopes[: taken.problem.samples]
-    found = command_locked(taken.problem, taken.values, taken.evidence.errors, slopes)
-    return replace(found, settings=taken.settings)
+    test = command_locked(taken.problem, taken.values, taken.evidence.errors, slopes)
+    return replace(test, settings=taken.settings)
 
 
 def decide(selection: Selection, tolerance: float = TOLERANCE) -> Verdict:
@@ -156,10 +156,10 @@ def decide(selection: Selection, tolerance: float = TOLERANCE) -> Verdict:
     rivals = selection.alike
     chances = weights_of(selection, rest)
     held = covering(chances, settings.covered_probability)
-    own = next(i for i, it in enumerate(rivals) if it.effects == taken.effects)
-    if own not in held:
+    place = next(i for i, it in enumerate(rivals) if it.effects == taken.effects)
+    if place not in held:
         # a likelier one has not earned its place, which a probability knows nothing of
-        held.append(own)
+        held.append(place)
     by_effect: dict[str, float] = {}
     for fitted_model, chance in zip(rivals, chances):
         for name in fitted_model.effects:

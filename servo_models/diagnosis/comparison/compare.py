@@ -86,36 +86,36 @@ def compare(
         raise UserError("nothing to compare: name diagnoses (.json) or parameter files (.toml)")
     path = Path(on) if on else _description_of(told)
     described = read_description(path, trust)
-    for one in told:
-        _check_alike(one, described, path)
+    for source in told:
+        _check_alike(source, described, path)
     logs = with_starts(described.model, described.logs)
     sets = _named(told)
     remarks = tuple(_remarks(told, described, path))
     return Comparison(described.model, logs, sets, _errors(described.model, logs, sets), remarks)
 
 
-def _check_alike(one: _Told, described: Description, path: Path) -> None:
+def _check_alike(source: _Told, described: Description, path: Path) -> None:
     """Refuse values that are not of the model that a description names: others would mix."""
     model, here = described.model, f"'{path}' of"
-    if one.actuator not in (model.actuator.name, model.actuator.key):
+    if source.actuator not in (model.actuator.name, model.actuator.key):
         raise UserError(
-            f"'{one.path}' is of '{one.actuator}', but {here} '{model.actuator.name}': compare"
-            " files of one actuator"
+            f"'{source.path}' is of '{source.actuator}', but {here} '{model.actuator.name}':"
+            " compare files of one actuator"
         )
-    if one.variant not in ("", model.variant):
+    if source.variant not in ("", model.variant):
         raise UserError(
-            f"'{one.path}' begins with variant '{one.variant}', but {here} '{model.variant}': give"
-            " --on the description that it was made with"
+            f"'{source.path}' begins with variant '{source.variant}', but {here} '{model.variant}':"
+            " give --on the description that it was made with"
         )
-    for name in one.values:
+    for name in source.values:
         if name not in model.values:
-            raise UserError(f"'{one.path}': {unknown('parameter', name, model.values)}")
+            raise UserError(f"'{source.path}': {unknown('parameter', name, model.values)}")
 
 
 def _told(path: Path, trust: bool) -> _Told:
     if path.suffix.lower() == ".toml":
-        found = read_parameters(path, trust)
-        return _Told(path, found.actuator, "", found.model().values, found.logs)
+        fitted = read_parameters(path, trust)
+        return _Told(path, fitted.actuator, "", fitted.model().values, fitted.logs)
     try:
         document: Any = json.loads(read_regular(path))
         values = {entry["name"]: float(entry["value"]) for entry in document["parameters"]}
@@ -131,10 +131,10 @@ def _told(path: Path, trust: bool) -> _Told:
 
 
 def _description_of(told: Sequence[_Told]) -> Path:
-    for one in told:
-        name, _ = one.description
-        if name and (one.path.parent / name).exists():
-            return one.path.parent / name
+    for source in told:
+        name, _ = source.description
+        if name and (source.path.parent / name).exists():
+            return source.path.parent / name
     names = ", ".join(
         dict.fromkeys(f"'{name}'" for name, _ in (it.description for it in told) if name)
     )
@@ -144,33 +144,35 @@ def _description_of(told: Sequence[_Told]) -> Path:
 
 def _named(told: Sequence[_Told]) -> dict[str, dict[str, float]]:
     """Values by the name of their file, with its folders where names repeat."""
-    names = [one.path.stem for one in told]
+    names = [source.path.stem for source in told]
     return {
-        one.path.stem if names.count(one.path.stem) == 1 else one.path.as_posix(): one.values
-        for one in told
+        source.path.stem
+        if names.count(source.path.stem) == 1
+        else source.path.as_posix(): source.values
+        for source in told
     }
 
 
 def _remarks(told: Sequence[_Told], described: Description, path: Path) -> Iterator[str]:
     """What the files were made of that is not what is here."""
     now = {name: f"sha256:{digest}" for name, digest in hashes(described.logs).items()}
-    for one in told:
-        name, before = one.description
+    for source in told:
+        name, before = source.description
         if name and before != described.document.sha256:
-            yield f"'{one.path.name}' was made with another '{name}' than '{path.name}' is now."
-        missing = [file for file in one.logs if file not in now]
-        other = [file for file, told in one.logs.items() if now.get(file, told) != told]
+            yield f"'{source.path.name}' was made with another '{name}' than '{path.name}' is now."
+        missing = [file for file in source.logs if file not in now]
+        other = [file for file, told in source.logs.items() if now.get(file, told) != told]
         if missing:
             files = listed(map(repr, missing))
-            yield f"'{one.path.name}' was made with {files}, which is not here."
+            yield f"'{source.path.name}' was made with {files}, which is not here."
         if other:
-            yield f"{listed(map(repr, other))} has changed since '{one.path.name}' was made."
+            yield f"{listed(map(repr, other))} has changed since '{source.path.name}' was made."
 
 
 def _errors(
     model: Model, logs: Sequence[Log], sets: Mapping[str, Mapping[str, float]]
 ) -> dict[tuple[str, str], list[float]]:
-    found: dict[tuple[str, str], list[float]] = {}
+    errors: dict[tuple[str, str], list[float]] = {}
     for log in logs:
         counted = log.fitted | log.checked
         for values in ({}, *sets.values()):
@@ -178,5 +180,5 @@ def _errors(
             out = simulated.outputs_or_nan({})
             for k, (name, measured) in enumerate(log.outputs.items()):
                 error = (out[:, k] - measured)[counted]
-                found.setdefault((log.name, name), []).append(float(np.sqrt(np.mean(error**2))))
-    return found
+                errors.setdefault((log.name, name), []).append(float(np.sqrt(np.mean(error**2))))
+    return errors

@@ -20,18 +20,18 @@ TITLE = "Measured and simulated"
 
 
 @report_of.register(Comparison)
-def report(found: Comparison, date: str = "") -> Report:
+def report(comparison: Comparison, date: str = "") -> Report:
     """Return the report of a comparison: errors, values, and a panel with each set."""
-    names = (NOMINAL, *found.sets)
-    model = found.model
-    models = live_logs(model, found.logs, found.sets, {}, {*found.changed}, {})
+    names = (NOMINAL, *comparison.sets)
+    model = comparison.model
+    models = live_logs(model, comparison.logs, comparison.sets, {}, {*comparison.changed}, {})
     columns = ("log", "output", *names)
-    errors = Table("RMS errors", columns, tuple(_errors(found)))
-    values = Table("Values", ("parameter", "unit", *names), tuple(_values(found)))
+    errors = Table("RMS errors", columns, tuple(_errors(comparison)))
+    values = Table("Values", ("parameter", "unit", *names), tuple(_values(comparison)))
     return Report(
-        f"{model.actuator.name}, variant {model.variant}: {', '.join(found.sets)}",
-        _sentence(found),
-        remarks=found.remarks,
+        f"{model.actuator.name}, variant {model.variant}: {', '.join(comparison.sets)}",
+        _sentence(comparison),
+        remarks=comparison.remarks,
         sections=(
             Section(TITLE, live=Live(TITLE, MOVE, models) if models else None, tables=(errors,)),
             Section("Parameters", tables=(values,)),
@@ -41,35 +41,35 @@ def report(found: Comparison, date: str = "") -> Report:
 
 
 @document_of.register(Comparison)
-def document(found: Comparison) -> dict[str, Any]:
+def document(comparison: Comparison) -> dict[str, Any]:
     """Return values and errors in SI."""
-    names = (NOMINAL, *found.sets)
+    names = (NOMINAL, *comparison.sets)
     return {
-        "actuator": found.model.actuator.name,
-        "variant": found.model.variant,
-        "remarks": list(found.remarks),
+        "actuator": comparison.model.actuator.name,
+        "variant": comparison.model.variant,
+        "remarks": list(comparison.remarks),
         "errors": [
             {"log": log, "output": output, "rms": dict(zip(names, sizes))}
-            for (log, output), sizes in found.errors.items()
+            for (log, output), sizes in comparison.errors.items()
         ],
         "parameters": {
-            name: {NOMINAL: found.model.values[name]}
+            name: {NOMINAL: comparison.model.values[name]}
             | {
-                title: values.get(name, found.model.values[name])
-                for title, values in found.sets.items()
+                title: values.get(name, comparison.model.values[name])
+                for title, values in comparison.sets.items()
             }
-            for name in found.changed
+            for name in comparison.changed
         },
     }
 
 
-def _sentence(found: Comparison) -> str:
+def _sentence(comparison: Comparison) -> str:
     """Which set leaves least of the first output, over all logs."""
-    first = next(iter(found.logs[0].outputs))
-    names = (NOMINAL, *found.sets)
-    rows = [sizes for (_, output), sizes in found.errors.items() if output == first]
+    first = next(iter(comparison.logs[0].outputs))
+    names = (NOMINAL, *comparison.sets)
+    rows = [sizes for (_, output), sizes in comparison.errors.items() if output == first]
     total = [sum(size**2 for size in sizes) for sizes in zip(*rows)]
-    wire = found.model.plant.wire[first]
+    wire = comparison.model.plant.wire[first]
     told = ", ".join(
         f"{name} {shown(wire, (sum_ / len(rows)) ** 0.5, 3)}"
         for name, sum_ in sorted(zip(names, total), key=lambda it: it[1])
@@ -77,19 +77,19 @@ def _sentence(found: Comparison) -> str:
     return f"Error of {words(first)}, RMS: {told}"
 
 
-def _errors(found: Comparison) -> Iterator[tuple[Cell, ...]]:
-    for (log, output), sizes in found.errors.items():
-        wire = found.model.plant.wire[output]
+def _errors(comparison: Comparison) -> Iterator[tuple[Cell, ...]]:
+    for (log, output), sizes in comparison.errors.items():
+        wire = comparison.model.plant.wire[output]
         yield (log, words(output), *(shown(wire, it) for it in sizes))
 
 
-def _values(found: Comparison) -> Iterator[tuple[Cell, ...]]:
-    nominal = found.model.values
-    for name in found.changed:
-        parameter = found.model.plant.parameters[name]
+def _values(comparison: Comparison) -> Iterator[tuple[Cell, ...]]:
+    nominal = comparison.model.values
+    for name in comparison.changed:
+        parameter = comparison.model.plant.parameters[name]
         every = (
             nominal[name],
-            *(values.get(name, nominal[name]) for values in found.sets.values()),
+            *(values.get(name, nominal[name]) for values in comparison.sets.values()),
         )
         scale = display_scale(parameter)
         yield (name, display_unit(parameter), *(Quantity(scale * it, digits=5) for it in every))

@@ -28,7 +28,7 @@ def localise(selection: Selection) -> tuple[Breakdown, ...]:
     outputs count together, in noise floors.
     """
     samples = collect(selection)
-    found = (
+    breakdowns = (
         by_signal(samples),
         by_block(selection),
         by_time(samples),
@@ -38,4 +38,4 @@ def localise(selection: Selection) -> tuple[Breakdown, ...]:
         by_reversal(samples),
         by_position(samples),
     )
-    return tuple(one for one in found if one)
+    return tuple(one for one in breakdowns if one)

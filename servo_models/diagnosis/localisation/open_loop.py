@@ -126,14 +126,14 @@ class _Bench:
 
     def _least(self, values: Mapping[str, float], drifting: bool) -> float:
         """Squares that a model leaves at the moment that suits it best."""
-        log, found = self.run.log, []
+        log, squares = self.run.log, []
         for moment in MOMENTS:  # of a clock, of a smooth signal, of what was held until its row
             error = self._simulated(values, moment) - log.outputs[self.name]
             if drifting:
                 error = _beside_lines(error)
             seen = error[log.fitted] / self.sigma
-            found.append(float(seen @ seen))
-        return min(found)
+            squares.append(float(seen @ seen))
+        return min(squares)
 
     def _simulated(self, values: Mapping[str, float], moment: float, offset: float = 0.0) -> Array:
         """The output with these parameters, measured wires shifted by a part of their range."""

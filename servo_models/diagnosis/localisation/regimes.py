@@ -42,19 +42,19 @@ def by_time(samples: Samples) -> Breakdown:
     edges: list[Edge] = []
     firsts, counts = [], []
     for log in samples.logs:
-        own = max(1, round(WINDOWS * log.duration / total))
+        count = max(1, round(WINDOWS * log.duration / total))
         firsts.append(len(edges))
-        counts.append(own)
-        cuts = log.begin + np.linspace(0.0, log.duration, own + 1)
+        counts.append(count)
+        cuts = log.begin + np.linspace(0.0, log.duration, count + 1)
         name = f" of {log.name}" if len(samples.logs) > 1 else ""
         labels = [f"{_between(a, b, 's')}{name}" for a, b in itertools.pairwise(cuts)]
-        if name and own == 1:
+        if name and count == 1:
             labels = [log.name]
         edges += [(label, a, b) for label, a, b in zip(labels, cuts, cuts[1:])]
     durations = np.array([log.duration for log in samples.logs])
-    own_count = np.array(counts)[samples.log]
-    within = (samples.times / durations[samples.log] * own_count).astype(int)
-    at = np.array(firsts)[samples.log] + np.minimum(within, own_count - 1)
+    windows = np.array(counts)[samples.log]
+    within = (samples.times / durations[samples.log] * windows).astype(int)
+    at = np.array(firsts)[samples.log] + np.minimum(within, windows - 1)
     return _split(samples, "time", "s", edges, at, "during ")
 
 

@@ -88,7 +88,7 @@ def collect(selection: Selection) -> Samples:
     names = tuple(problem.sigma)
     column, low, high = problem.moving_input
     stretches: list[Stretch] = []
-    found: list[tuple[Array, ...]] = []
+    columns: list[tuple[Array, ...]] = []
     gaps: list[Array] = []
     start = 0
     for k, run in enumerate(problem.runs):
@@ -102,11 +102,11 @@ def collect(selection: Selection) -> Samples:
             start += len(rows)
             measured, seen = signal / problem.sigma[name], log.fitted
             stretches.append(Stretch(k, names.index(name), rows, log.times[seen], measured[seen]))
-            own = (log.times, _amplitude(measured, moves), *circumstances)
-            found.append(tuple(part[seen] for part in own))
+            signals = (log.times, _amplitude(measured, moves), *circumstances)
+            columns.append(tuple(part[seen] for part in signals))
     lengths = [len(one.rows) for one in stretches]
     clock, amplitude, commanded, positions, speeds, since, until = (
-        np.concatenate(part) for part in zip(*found)
+        np.concatenate(part) for part in zip(*columns)
     )
     return Samples(
         names=names,
