@@ -70,10 +70,10 @@ class Check(Result):
             if reach.name in free and reach.together > ROUGHLY:
                 words = verdict(reach, reach.name in self.description.uncertainty)
                 said.append(f"'{reach.name}' is to be estimated, but: {words}")
-        own = [name for name in free if name not in self.description.uncertainty]
+        without_prior = [name for name in free if name not in self.description.uncertainty]
         for group in self.identifiability.together:
-            if sum(name in own for name in group) > 1:
-                said.append(together(group, own))
+            if sum(name in without_prior for name in group) > 1:
+                said.append(together(group, without_prior))
         return tuple(said)
 
 
@@ -122,7 +122,7 @@ def check(described: Description | str | Path, jobs: int | None = None) -> Check
         )
     odd = (*(text for text, _ in false.values()), *_odd(description, false))
     try:
-        found = identifiability(
+        determined = identifiability(
             description.model, description.logs, floors, free, description.uncertainty, jobs
         )
     except UserError as error:
@@ -131,7 +131,7 @@ def check(described: Description | str | Path, jobs: int | None = None) -> Check
     beyond = [text for run in runs for text in run.notices({})]
     beyond += shifted_outputs(runs, {}, floors)
     hidden = blurs(description.model, description.logs, floors, {})
-    return Check(description, audited, floors, found, asked, (*odd, *beyond), hidden)
+    return Check(description, audited, floors, determined, asked, (*odd, *beyond), hidden)
 
 
 def _odd(description: Description, false: Mapping[str, tuple[str, Log]]) -> tuple[str, ...]:

@@ -91,27 +91,27 @@ class CheckDocument(Document, frozen=True):
     resolution: list[Resolution]
 
 
-def identification_document(found: Identification) -> IdentificationDocument:
+def identification_document(fit: Identification) -> IdentificationDocument:
     """Return a fit as what JSON is made of."""
     return IdentificationDocument.made_from(
-        found,
-        free=[free.name for free in found.free],
-        only_together=found.groups,
-        notes=_notes(found.logs),
+        fit,
+        free=[free.name for free in fit.free],
+        only_together=fit.groups,
+        notes=_notes(fit.logs),
     )
 
 
-def outcome_document(found: Outcome) -> OutcomeDocument:
+def outcome_document(outcome: Outcome) -> OutcomeDocument:
     """Return the parameters and what the method found beside."""
-    parameters = found.parameters and found.parameters.document()
+    parameters = outcome.parameters and outcome.parameters.document()
     return OutcomeDocument.made_from(
-        found, parameter_set=parameters, result=document_of(found.result)
+        outcome, parameter_set=parameters, result=document_of(outcome.result)
     )
 
 
-def check_document(found: Check) -> CheckDocument:
+def check_document(check: Check) -> CheckDocument:
     """Return what the logs determine."""
-    described, seen = found.description, found.identifiability
+    described, seen = check.description, check.identifiability
     parameters = {
         reach.name: ParameterReach(
             reach.sizes[reach.name],
@@ -127,14 +127,14 @@ def check_document(found: Check) -> CheckDocument:
     }
     resolution = [
         Resolution.made_from(blur, input=blur.column, moves_noise_floors=blur.moves)
-        for blur in found.blurs
+        for blur in check.blurs
     ]
     return CheckDocument.made_from(
         described,
         actuator=described.actuator.name,
-        warnings=found.warnings,
+        warnings=check.warnings,
         notes=_notes(described.logs),
-        noise_floors=found.floors,
+        noise_floors=check.floors,
         parameters=parameters,
         effects=effects,
         ambiguity_groups=[group.names for group in seen.groups],

@@ -53,19 +53,19 @@ def judged(report: Report, warnings: Iterable[str]) -> Report:
     return replace(report, sentence=sentence, passed=False)
 
 
-def about_errors(found: Identification) -> Iterator[Doubt]:
+def about_errors(fit: Identification) -> Iterator[Doubt]:
     """Doubts that the errors of the fitted model give, one output after another."""
-    floors = noise_floors(audits(found.logs, found.fitted.plant))
-    for name in found.sigma:
-        left = found.rms(name, "fit")
-        values = [log.outputs[name][log.fitted] for log in found.logs if name in log.outputs]
+    floors = noise_floors(audits(fit.logs, fit.fitted.plant))
+    for name in fit.sigma:
+        left = fit.rms(name, "fit")
+        values = [log.outputs[name][log.fitted] for log in fit.logs if name in log.outputs]
         if left > HARDLY * float(np.std(np.concatenate(values))):
             yield Doubt(
                 f"the fitted model explains hardly anything of '{name}', so its values say nothing"
                 " of this log: check unit, scale and sign of the column, and that the log is of"
-                f" '{found.fitted.actuator.name}'"
+                f" '{fit.fitted.actuator.name}'"
             )
-        elif left > LEAST_LEFT * floors[name] and (rows := _wild(found, name)):
+        elif left > LEAST_LEFT * floors[name] and (rows := _wild(fit, name)):
             yield Doubt(
                 f"single readings of '{name}' have most of the squared error, so the fit follows"
                 f" them: {rows}; remove these rows, or run 'diagnose' if they are real"
@@ -78,10 +78,10 @@ def about_errors(found: Identification) -> Iterator[Doubt]:
             )
 
 
-def _wild(found: Identification, name: str) -> str:
+def _wild(fit: Identification, name: str) -> str:
     """The largest of the few single readings with most of the squared error, "" without such."""
     logs, errors, single = [], [], []
-    for log, response in zip(found.logs, found.after):
+    for log, response in zip(fit.logs, fit.after):
         if name in log.outputs:
             error = (log.outputs[name] - response[name])[log.fitted]
             errors.append(error)
@@ -122,7 +122,7 @@ def doubt(free: Free, value: float, error: float) -> str:
     return NOT_DETERMINED if error > UNDETERMINED * size else ""
 
 
-def warnings(problem: Problem, vector: Array, found: Spread) -> list[str]:
+def warnings(problem: Problem, vector: Array, spread: Spread) -> list[str]:
     """Return in words what makes an estimate doubtful, each with its cure.
 
     One that is known from its prior only still is what was believed before, and an effect that
@@ -134,9 +134,9 @@ def warnings(problem: Problem, vector: Array, found: Spread) -> list[str]:
     for free, value, error, slope, side in zip(
         problem.free,
         vector * problem.scales,
-        found.standard_errors,
-        found.slopes,
-        found.on_bound,
+        spread.standard_errors,
+        spread.slopes,
+        spread.on_bound,
     ):
         reason = doubt(free, value, error)
         if side:
@@ -183,21 +183,21 @@ def warnings(problem: Problem, vector: Array, found: Spread) -> list[str]:
             f"{', '.join(unseen)} {verb} known from {its} only: these logs say nothing about"
             f" {'it' if len(unseen) == 1 else 'them'}"
         )
-    own = [free.name for free in problem.free if free.prior is None]
-    said += [together([names[i] for i in group], own) for group in found.groups]
+    without_prior = [free.name for free in problem.free if free.prior is None]
+    said += [together([names[i] for i in group], without_prior) for group in spread.groups]
     said += [
         Doubt(
             f"'{names[j]}' and '{names[i]}' cannot be told apart by these logs"
-            f" (correlation {found.correlations[i, j]:+.3f}): fix one of them or log an experiment"
+            f" (correlation {spread.correlations[i, j]:+.3f}): fix one of them or log an experiment"
             " that moves only one"
         )
-        for i, j in correlated(problem.free, found.correlations)
-        if not any({i, j} <= set(group) for group in found.groups)
+        for i, j in correlated(problem.free, spread.correlations)
+        if not any({i, j} <= set(group) for group in spread.groups)
     ]
-    if found.condition > ILL_CONDITIONED:
+    if spread.condition > ILL_CONDITIONED:
         said.append(
             Doubt(
-                f"the fit is ill-conditioned ({_short(found.condition)}): some combination of"
+                f"the fit is ill-conditioned ({_short(spread.condition)}): some combination of"
                 " parameters is free; fix one of them"
             )
         )

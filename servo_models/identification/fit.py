@@ -94,15 +94,15 @@ def fit(
 
 def _fitted(problem: Problem, kind: str, starts: int, seed: int, tell: Progress) -> Identification:
     before = _nominal_responses(problem)
-    problem, found = _reweighted_search(problem, search(problem, kind, starts, seed, tell), tell)
-    while (free := _widened(problem, found.vector)) != problem.free and not found.interrupted:
+    problem, optimum = _reweighted_search(problem, search(problem, kind, starts, seed, tell), tell)
+    while (free := _widened(problem, optimum.vector)) != problem.free and not optimum.interrupted:
         tell("widening the priors of parameters that moved far")
-        problem = replace(problem, free=free, start=found.vector)
-        again = search(problem, LOCAL, 1, 0, tell, smooth=found.widths is None)
-        problem, found = _reweighted_search(problem, replace(again, costs=found.costs), tell)
-    if found.widths is not None and not found.interrupted:
-        found = polished(problem, found, seed, tell)
-    return _concluded(problem, found, before, kind, starts, tell)
+        problem = replace(problem, free=free, start=optimum.vector)
+        again = search(problem, LOCAL, 1, 0, tell, smooth=optimum.widths is None)
+        problem, optimum = _reweighted_search(problem, replace(again, costs=optimum.costs), tell)
+    if optimum.widths is not None and not optimum.interrupted:
+        optimum = polished(problem, optimum, seed, tell)
+    return _concluded(problem, optimum, before, kind, starts, tell)
 
 
 def _widened(problem: Problem, vector: Array) -> list[Free]:
@@ -117,27 +117,29 @@ def _widened(problem: Problem, vector: Array) -> list[Free]:
     ]
 
 
-def _reweighted_search(problem: Problem, found: Optimum, tell: Progress) -> tuple[Problem, Optimum]:
+def _reweighted_search(
+    problem: Problem, optimum: Optimum, tell: Progress
+) -> tuple[Problem, Optimum]:
     """Search again while each output is weighted by its own error."""
     # one weight on everything moves no optimum
     moving = len(problem.sigma) > 1 or any(free.prior for free in problem.free)
-    for _ in range(REWEIGHTINGS if not found.interrupted else 0):
-        weights, problem = problem.sigma, _reweighted(problem, found.vector)
+    for _ in range(REWEIGHTINGS if not optimum.interrupted else 0):
+        weights, problem = problem.sigma, _reweighted(problem, optimum.vector)
         if not moving or all(
             abs(sigma - weights[name]) <= SAME_WEIGHT * sigma
             for name, sigma in problem.sigma.items()
         ):
             break
-        again = search(problem, LOCAL, 1, 0, tell, smooth=found.widths is None)
-        found = replace(again, costs=found.costs)
-        if found.interrupted:
+        again = search(problem, LOCAL, 1, 0, tell, smooth=optimum.widths is None)
+        optimum = replace(again, costs=optimum.costs)
+        if optimum.interrupted:
             break
-    return problem, found
+    return problem, optimum
 
 
 def _concluded(
     problem: Problem,
-    found: Optimum,
+    optimum: Optimum,
     before: list[dict[str, Array]],
     kind: str,
     starts: int,
@@ -145,19 +147,19 @@ def _concluded(
 ) -> Identification:
     """Standard errors of a fit, and what makes it doubtful."""
     tell("standard errors")
-    found = replace(found, vector=_on_bounds(problem, found.vector))
-    values = problem.values(found.vector)
+    optimum = replace(optimum, vector=_on_bounds(problem, optimum.vector))
+    values = problem.values(optimum.vector)
     try:
-        uncertainty = spread(problem, found.vector)
+        uncertainty = spread(problem, optimum.vector)
     except KeyboardInterrupt:  # the search is over: whoever stops now wants what it has found
         tell("finishing the standard errors; Ctrl-C again gives up")
-        uncertainty = spread(problem, found.vector)
+        uncertainty = spread(problem, optimum.vector)
     odd = false_starts(problem.runs, values)
     beyond = [text for run in problem.runs for text in run.notices(values)]
-    said = [*map(Doubt, odd), *beyond, *warnings(problem, found.vector, uncertainty)]
-    said += _ending(found, kind, starts)
+    said = [*map(Doubt, odd), *beyond, *warnings(problem, optimum.vector, uncertainty)]
+    said += _ending(optimum, kind, starts)
     fitted = replace(problem.model, values={**problem.model.values, **values})
-    told = conclude(problem, found, uncertainty, fitted, before, METHODS[kind], said)
+    told = conclude(problem, optimum, uncertainty, fitted, before, METHODS[kind], said)
     return replace(told, warnings=(*about_errors(told), *said))
 
 
@@ -208,12 +210,12 @@ def _on_bounds(problem: Problem, vector: Array) -> Array:
     return moved if there <= near * (1.0 + 1e-6) else vector
 
 
-def _ending(found: Optimum, kind: str, starts: int) -> list[str]:
-    if found.interrupted:
+def _ending(optimum: Optimum, kind: str, starts: int) -> list[str]:
+    if optimum.interrupted:
         return [Doubt("stopped before it converged: these are the best values so far")]
-    if not found.converged:
+    if not optimum.converged:
         return [Doubt("the search did not converge: give it more starts or fewer free parameters")]
-    if found.widths is not None and kind == LOCAL and starts == 1:
+    if optimum.widths is not None and kind == LOCAL and starts == 1:
         return [
             "the response is rough in these parameters, as with a quantiser or dry friction in"
             " a loop: there may be better values; try more starts or a global search"

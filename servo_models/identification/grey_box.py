@@ -110,13 +110,13 @@ def physical_constants(
             joint[k, k] = (known_errors or {}).get(name, 0.0) ** 2
         spread = slopes @ joint @ slopes.T
     causes = (*(f"coefficient {c}" for c in grey_box.coefficients), *grey_box.known)
-    found: dict[str, Constant] = {}
+    constants: dict[str, Constant] = {}
     for k, name in enumerate(names):
         elasticity = slopes[k] * base / values[name]
         most = int(np.argmax(np.abs(elasticity)))
         error = None if spread is None else float(np.sqrt(spread[k, k]))
-        found[name] = Constant(name, values[name], error, causes[most], float(elasticity[most]))
+        constants[name] = Constant(name, values[name], error, causes[most], float(elasticity[most]))
     if len(given) > count:
         error = None if covariance is None else float(np.sqrt(np.asarray(covariance)[count, count]))
-        found[grey_box.delay] = Constant(grey_box.delay, float(given[count]), error)
-    return PhysicalConstants(found, spread)
+        constants[grey_box.delay] = Constant(grey_box.delay, float(given[count]), error)
+    return PhysicalConstants(constants, spread)

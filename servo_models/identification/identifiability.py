@@ -158,7 +158,7 @@ def _excitation(
 def _reach(
     i: int, evidence: Comparison, outputs: Mapping[str, Mask], told: Slopes
 ) -> Detectability:
-    found, difference = evidence.causes[i], evidence.differences[i]
+    cause, difference = evidence.causes[i], evidence.differences[i]
     squares = difference**2 - evidence.rough[i]
     moved = {n: float(np.sqrt(max(np.mean(squares[at]), 0.0))) for n, at in outputs.items()}
     most = max(moved, key=lambda name: moved[name])
@@ -166,15 +166,15 @@ def _reach(
     rest = max(float(evidence.rest(i)[0, 0]), 0.0)
     prior = float(evidence.gram[i, i]) - whole
     alone, together = (
-        1.0 / np.sqrt(it) if it > EXPLAINED * whole else np.inf for it in (whole, rest)
+        1.0 / np.sqrt(value) if value > EXPLAINED * whole else np.inf for value in (whole, rest)
     )
-    if found.name in told.steps and prior == 0.0:
-        alone, together = (told.steps[found.name](it) for it in (alone, together))
+    if cause.name in told.steps and prior == 0.0:
+        alone, together = (told.steps[cause.name](value) for value in (alone, together))
     return Detectability(
-        name=found.name,
-        effect=found.effect,
-        sizes=found.sizes,
-        scale=found.scale,
+        name=cause.name,
+        effect=cause.effect,
+        sizes=cause.sizes,
+        scale=cause.scale,
         output=most,
         moves=moved[most],
         remains=moved[most] * np.sqrt(max(rest - prior, 0.0) / whole) if whole else 0.0,
@@ -244,11 +244,11 @@ class Cause:
 def _response(problem: Problem, values: Mapping[str, float]) -> Array | None:
     """Return all outputs that a fit may see, in noise floors, or None if they are not finite."""
     try:
-        found = [run.outputs(values)[run.log.fitted] for run in problem.runs]
+        outputs = [run.outputs(values)[run.log.fitted] for run in problem.runs]
     except UserError:
         return None
     weights = [np.array([problem.sigma[name] for name in log.outputs]) for log in problem.logs]
-    return np.concatenate([(out / weight).T.ravel() for out, weight in zip(found, weights)])
+    return np.concatenate([(out / weight).T.ravel() for out, weight in zip(outputs, weights)])
 
 
 def _outputs(problem: Problem) -> dict[str, Mask]:
@@ -275,11 +275,11 @@ def _parameters(model: Model, asked: Collection[str], priors: Mapping[str, float
 
 def _switches(model: Model) -> dict[str, dict[str, float]]:
     """Values of the switches of every effect, by its place."""
-    found: dict[str, dict[str, float]] = {}
+    switches: dict[str, dict[str, float]] = {}
     for name, parameter in model.plant.parameters.items():
         if parameter.owner and parameter.param.switch:
-            found.setdefault(parameter.owner, {})[name] = model.values[name]
-    return found
+            switches.setdefault(parameter.owner, {})[name] = model.values[name]
+    return switches
 
 
 def _typical(model: Model, sizes: Mapping[str, float]) -> dict[str, float]:
@@ -297,8 +297,8 @@ def _effects(model: Model) -> list[tuple[str, dict[str, float]]]:
 
 def _switched(problem: Problem, nominal: Array, place: str, sizes: Mapping[str, float]) -> Cause:
     """Return what settings of an effect change against the nominal response."""
-    found = _response(problem, sizes)
-    moved = None if found is None else found - nominal
+    response = _response(problem, sizes)
+    moved = None if response is None else response - nominal
     return Cause(place, sizes, owner=place, effect=True, difference=moved)
 
 
@@ -333,13 +333,13 @@ def _slopes(problem: Problem, model: Model, changes: Sequence[Free], together: b
         off = [known[it] for it in owners if it in known and not any(known[it].values())]
         around = {name: value for sizes in off for name, value in _typical(model, sizes).items()}
         at = replace(model, values={**model.values, **around})
-        own = Problem(at, problem.logs, batch, sigma=problem.sigma, workers=problem.workers)
-        told = information(own, own.start)
+        local = Problem(at, problem.logs, batch, sigma=problem.sigma, workers=problem.workers)
+        told = information(local, local.start)
         for i, (change, owner) in enumerate(zip(batch, owners)):
-            moved = None if i in told.refused else told.slopes[: own.samples, i]
+            moved = None if i in told.refused else told.slopes[: local.samples, i]
             sizes = {change.name: change.start}
             causes.append(Cause(change.name, sizes, change.scale, owner, False, moved))
-            steps[change.name] = partial(_with_steps, own, i, told)
+            steps[change.name] = partial(_with_steps, local, i, told)
         groups += [tuple(batch[i].name for i in group) for group in told.groups]
         jitters += [told.jitter] if told.jitter.any() else []
     return Slopes(causes, steps, min(jitters[1:] or jitters, key=np.sum), tuple(groups))
@@ -377,8 +377,8 @@ class Comparison:
         free = set(asked)
         self.free = [i for i, c in enumerate(causes) if c.name in free and not c.effect]
         data = self.differences @ self.differences.T
-        own = np.maximum(np.diag(data) - self.rough.sum(axis=1), 0.0)
-        self.data = data - np.diag(np.diag(data) - own)
+        powers = np.maximum(np.diag(data) - self.rough.sum(axis=1), 0.0)
+        self.data = data - np.diag(np.diag(data) - powers)
         self.gram = self.data + np.diag([float(c.name in priors) for c in causes])
 
     def rest(self, *which: int) -> Array:
@@ -386,13 +386,13 @@ class Comparison:
 
         Shape (k, k) for k causes.
         """
-        own = {self.causes[i].name for i in which} | {
+        involved = {self.causes[i].name for i in which} | {
             self.causes[i].owner for i in which if self.causes[i].effect
         }
         others = [
             i
             for i in self.free
-            if self.causes[i].name not in own and self.causes[i].owner not in own
+            if self.causes[i].name not in involved and self.causes[i].owner not in involved
         ]
         cross = self.gram[np.ix_(which, others)]
         unit = 1.0 / np.sqrt(np.maximum(self.gram[others, others], 1e-300))

@@ -138,7 +138,7 @@ def identify(
                 f"'{told.path}': every log states every uncertain parameter, so nothing is left to"
                 " estimate: name one under free, or leave out a constant"
             )
-    found = fit(
+    result = fit(
         told.model,
         told.logs,
         names,
@@ -151,7 +151,7 @@ def identify(
         told.bounds,
         told.path,
     )
-    return Outcome(found, _of_simulation(found), found.converged)
+    return Outcome(result, _of_simulation(result), result.converged)
 
 
 def method_of(told: Description) -> str:
@@ -166,7 +166,7 @@ def method_of(told: Description) -> str:
 def _by_transfer_function(told: Description, progress: Progress | None) -> Outcome:
     sweeps = read_sweeps(told.document, told.path.parent, told.model.plant, told.logs)
     of_sweeps = raw_records(told.document)
-    found = identify_transfer(
+    transfer = identify_transfer(
         [log for log in told.logs if log.name not in of_sweeps],
         sweeps,
         model=told.model,
@@ -174,24 +174,24 @@ def _by_transfer_function(told: Description, progress: Progress | None) -> Outco
         progress=progress or (lambda _: None),
     )
     files = hashes(told.logs) | _sweep_hashes(told)
-    method = f"transfer function, {found.chosen.name}; grey box"
-    constants = found.constants.estimates if found.constants else None
-    parameters = constants and _of_tables(told, constants, method, files, found.warnings)
-    return Outcome(found, parameters or None, not found.interrupted)
+    method = f"transfer function, {transfer.chosen.name}; grey box"
+    constants = transfer.constants.estimates if transfer.constants else None
+    parameters = constants and _of_tables(told, constants, method, files, transfer.warnings)
+    return Outcome(transfer, parameters or None, not transfer.interrupted)
 
 
 def _by_elements(told: Description) -> Outcome:
-    found = identify_elements(told)
+    elements = identify_elements(told)
     parameters = _of_tables(
-        told, found.parameters, "element by element", found.files, found.warnings
+        told, elements.parameters, "element by element", elements.files, elements.warnings
     )
-    return Outcome(found, parameters)
+    return Outcome(elements, parameters)
 
 
-def _of_simulation(found: Identification) -> ParameterSet:
+def _of_simulation(result: Identification) -> ParameterSet:
     """The estimates; parameters that were given and differ from the variant go with them."""
-    model = found.fitted
-    errors = dict(zip((free.name for free in found.free), found.standard_errors.tolist()))
+    model = result.fitted
+    errors = dict(zip((free.name for free in result.free), result.standard_errors.tolist()))
     estimated = {
         name: Estimate(name, model.values[name], known_error(error), "estimated")
         for name, error in errors.items()
@@ -200,24 +200,24 @@ def _of_simulation(found: Identification) -> ParameterSet:
         actuator=model.actuator.key,
         variant=model.variant,
         estimates=with_given(model.actuator.values(model.variant), model.values, estimated),
-        correlations=pairs(list(errors), found.correlations),
-        method=found.method,
-        logs={name: f"sha256:{digest}" for name, digest in hashes(found.logs).items()},
+        correlations=pairs(list(errors), result.correlations),
+        method=result.method,
+        logs={name: f"sha256:{digest}" for name, digest in hashes(result.logs).items()},
         date=_today(),
-        figures=_figures(found),
-        warnings=tuple(found.warnings),
+        figures=_figures(result),
+        warnings=tuple(result.warnings),
     )
 
 
 def _of_tables(
     told: Description,
-    found: Mapping[str, tuple[float, float | None]],
+    values: Mapping[str, tuple[float, float | None]],
     method: str,
     files: Mapping[str, str],
     warnings: Sequence[str],
 ) -> ParameterSet:
     """Values and standard errors [SI] by name, with what the description gives beside them."""
-    estimated = {name: Estimate(name, *pair, "estimated") for name, pair in found.items()}
+    estimated = {name: Estimate(name, *pair, "estimated") for name, pair in values.items()}
     nominal = told.actuator.values(told.variant)
     return ParameterSet(
         actuator=told.actuator.key,
@@ -237,15 +237,15 @@ def _sweep_hashes(told: Description) -> dict[str, str]:
     return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in paths}
 
 
-def _figures(found: Identification) -> dict[str, FitFigure]:
+def _figures(result: Identification) -> dict[str, FitFigure]:
     """RMS error of every output, over the samples fitted and over those held out."""
-    parts = {(row.output, row.part) for row in found.accuracy}
-    wires = found.fitted.plant.wire
+    parts = {(row.output, row.part) for row in result.accuracy}
+    wires = result.fitted.plant.wire
     return {
         f"{output}_rms_{part.replace(' ', '_')}": FitFigure(
-            found.rms(output, part), wires[output].unit
+            result.rms(output, part), wires[output].unit
         )
-        for output in found.sigma
+        for output in result.sigma
         for part in (FIT, HELD_OUT)
         if (output, part) in parts
     }

@@ -101,8 +101,8 @@ class Information:
 def units(problem: Problem, vector: Array) -> Array:
     """Return what a relative change of 1 is [scales]: the value itself, unless it is near 0 or the
     problem says less."""
-    own = np.where(np.abs(vector) >= NEAR_ZERO, np.abs(vector), 1.0)
-    return np.minimum(own, problem.large_changes)
+    size = np.where(np.abs(vector) >= NEAR_ZERO, np.abs(vector), 1.0)
+    return np.minimum(size, problem.large_changes)
 
 
 def _independent(unseen: Array) -> Array:
@@ -162,8 +162,8 @@ def information(problem: Problem, vector: Array, which: Sequence[int] | None = N
     jitter, roughness = np.zeros(problem.samples), np.zeros(p)
     if moving.any():
         here, axes = chosen[moving], axes.only(moving)
-        own, combinations = _agreed(problem, vector, here, axes)
-        data[:, here] = own / units(problem, vector)[here]
+        slopes, combinations = _agreed(problem, vector, here, axes)
+        data[:, here] = slopes / units(problem, vector)[here]
         unseen = np.zeros((p, combinations.shape[1]))
         unseen[here] = combinations
         roughness[here] = axes.jitter.sum(axis=0)
@@ -266,7 +266,7 @@ def _principal(known: _Probes, here: NDArray[np.int64]) -> tuple[Array, Array, A
 def _probed(problem: Problem, vector: Array, along: Array, widths: Array) -> _Probes:
     """Slopes along combinations, each over the least width, from ``widths`` on, that agrees."""
     k = along.shape[1]
-    found = _Probes(
+    probes = _Probes(
         along=along,
         slopes=np.zeros((problem.samples, k)),
         noise=np.zeros(k),
@@ -276,16 +276,16 @@ def _probed(problem: Problem, vector: Array, along: Array, widths: Array) -> _Pr
     )
     left, widest = list(range(k)), []
     while left:
-        left = _tried(problem, vector, found, left, PARTS)
-        widest += [i for i in left if found.widths[i] >= WIDE]
-        left = [i for i in left if found.widths[i] < WIDE]
-        found.widths[left] = np.minimum(WIDER * found.widths[left], WIDE)
-    _tried(problem, vector, found, [i for i in widest if found.slopes[:, i].any()], MORE_PARTS)
-    return found
+        left = _tried(problem, vector, probes, left, PARTS)
+        widest += [i for i in left if probes.widths[i] >= WIDE]
+        left = [i for i in left if probes.widths[i] < WIDE]
+        probes.widths[left] = np.minimum(WIDER * probes.widths[left], WIDE)
+    _tried(problem, vector, probes, [i for i in widest if probes.slopes[:, i].any()], MORE_PARTS)
+    return probes
 
 
 def _tried(
-    problem: Problem, vector: Array, found: _Probes, which: Sequence[int], parts: Sequence[float]
+    problem: Problem, vector: Array, probes: _Probes, which: Sequence[int], parts: Sequence[float]
 ) -> list[int]:
     """Take slopes along some combinations; return those that do not agree over their widths.
 
@@ -296,10 +296,10 @@ def _tried(
     points: list[Array] = []
     spans = []
     for i in which:
-        step = found.widths[i] * found.along[:, i] * size
+        step = probes.widths[i] * probes.along[:, i] * size
         signs = [sign * part for part in parts for sign in (1.0, -1.0)]
         ends = [sign * _room(problem, vector, np.sign(sign) * step) for sign in signs]
-        middles = _middles(problem, vector, len(parts), found.widths[i])
+        middles = _middles(problem, vector, len(parts), probes.widths[i])
         points += [moved(problem, middles[k // 2], end * step) for k, end in enumerate(ends)]
         spans.append(np.subtract(ends[::2], ends[1::2]))
     problem.memory.evaluations += len(points)
@@ -310,16 +310,16 @@ def _tried(
         if len(errors) < each:
             continue
         changes = np.subtract(errors[::2], errors[1::2]).T
-        secants = changes / (found.widths[i] * np.where(span == 0.0, 1.0, span))
+        secants = changes / (probes.widths[i] * np.where(span == 0.0, 1.0, span))
         mean = secants @ weights / weights.sum()
         apart = (secants - mean[:, None]) ** 2 @ weights / (len(parts) - 1)
         noise = apart.sum() / (weights.sum() * FAIR)
-        missed = float(np.sum((mean - found.slopes[:, i]) ** 2))
-        if found.widths[i] >= NARROW or max(noise, missed) < found.noise[i]:
-            found.slopes[:, i], found.noise[i] = mean, noise
+        missed = float(np.sum((mean - probes.slopes[:, i]) ** 2))
+        if probes.widths[i] >= NARROW or max(noise, missed) < probes.noise[i]:
+            probes.slopes[:, i], probes.noise[i] = mean, noise
             # a secant over +-w has the variance jitter / (2 w^2)
-            found.jitter[:, i] = 2.0 * found.widths[i] ** 2 * apart
-            found.refused[i] = False
+            probes.jitter[:, i] = 2.0 * probes.widths[i] ** 2 * apart
+            probes.refused[i] = False
         if FAIR * noise > AGREED * float(mean @ mean) or not mean.any():
             again.append(i)
     return again
@@ -463,14 +463,14 @@ def spread(problem: Problem, vector: Array) -> Spread:
     """Return the uncertainty of an estimate; ``vector`` in scales, shape (p,)."""
     inner = [i for i, side in enumerate(problem.sides(vector)) if not side]
     told = information(problem, vector, inner)
-    found = spread_of(problem, vector, told, _by_half_a_step(problem, vector))
-    errors = found.standard_errors / problem.scales
+    by_slopes = spread_of(problem, vector, told, _by_half_a_step(problem, vector))
+    errors = by_slopes.standard_errors / problem.scales
     grouped = {i for group in told.groups for i in group}
     for i in inner:
         if problem.free[i].prior is None and i not in grouped:
             along = Axis(problem, vector, i)
             if np.isfinite(errors[i]):
-                errors[i] = along.tread(errors[i], found.slopes[i])
+                errors[i] = along.tread(errors[i], by_slopes.slopes[i])
             else:
                 errors[i] = along.needle(dent=_dent(told, i))
     profiles = []
@@ -480,7 +480,7 @@ def spread(problem: Problem, vector: Array) -> Spread:
             errors[i] *= wider
             profiles += [profile] if profile.points else []
     standard_errors = errors * problem.scales
-    return replace(found, standard_errors=standard_errors, profiles=tuple(profiles))
+    return replace(by_slopes, standard_errors=standard_errors, profiles=tuple(profiles))
 
 
 def _profiled(
@@ -558,14 +558,14 @@ def spread_of(
     slopes[slopes <= ROUNDING * np.max(slopes, initial=0.0)] = 0.0
     moving = inner & (np.any(jacobian[problem.samples :], axis=0) | (slopes > 0.0))
     if moving.any():
-        own = jacobian[:, moving]
-        apart = factors(own)
-        condition = _condition(problem, own, moving)
-        correlations[np.ix_(moving, moving)] = _correlations(own)
+        columns = jacobian[:, moving]
+        apart = factors(columns)
+        condition = _condition(problem, columns, moving)
+        correlations[np.ix_(moving, moving)] = _correlations(columns)
         free = np.abs(apart.lost) / units(problem, vector)[moving]
         lost = np.any(free > MEMBER * free.max(axis=1, keepdims=True), axis=0)
         more = _roughness(problem, told, residuals)
-        variance = np.diag(covariance(problem, own, residuals, more))
+        variance = np.diag(covariance(problem, columns, residuals, more))
         # a rough surface stops a search where it has a dent, short of what slopes promise
         changes = [residuals] if doubtful is None else [residuals, doubtful]
         short = [np.abs(apart.half @ (apart.basis.T @ change)) for change in changes]
@@ -593,8 +593,8 @@ def _roughness(problem: Problem, told: Information, residuals: Array) -> float:
 
     Such a fit has met the very steps of the log, as it may where the model itself made it.
     """
-    own = float(np.mean(residuals[: problem.samples] ** 2))
-    return max(1.0, 2.0 * float(np.mean(told.jitter)) / max(own, 1e-300))
+    power = float(np.mean(residuals[: problem.samples] ** 2))
+    return max(1.0, 2.0 * float(np.mean(told.jitter)) / max(power, 1e-300))
 
 
 def _dent(told: Information, which: int) -> float:
@@ -753,9 +753,9 @@ class Linearisation:
 
         Near-collinear slopes leave the linear range.
         """
-        own = np.mean(self.errors**2) * np.eye(len(self.vector))
+        ridge = np.mean(self.errors**2) * np.eye(len(self.vector))
         towards = self.slopes.T @ (self.errors + whole)
-        step = solve_box_qp((self.gram + own)[None], towards[None], *self.room)[0]
+        step = solve_box_qp((self.gram + ridge)[None], towards[None], *self.room)[0]
         return self.problem.values(self.vector + step)
 
     def _step(self, towards: Array) -> Array:

@@ -64,7 +64,7 @@ def live_runs(
         logs: as measured.
         sets: values [SI] of the panel's sets, in their order, the nominal one first.
     """
-    found: list[LiveRun] = []
+    shown: list[LiveRun] = []
     left = MOST_NUMBERS
     values = [dict(it) for it in sets]
     for log in logs:
@@ -72,13 +72,13 @@ def live_runs(
         rows = min(len(log.times), left // each)
         if rows < min(len(log.times), 2):
             break
-        found.append(_run(prepared(model, log), rows, values))
+        shown.append(_run(prepared(model, log), rows, values))
         left -= rows * each
-    missing = len(logs) - len(found)
-    if missing and found:
+    missing = len(logs) - len(shown)
+    if missing and shown:
         note = f"{missing} more logs are not on this page."
-        found = [replace(run, note=f"{run.note} {note}".strip()) for run in found]
-    return tuple(found)
+        shown = [replace(run, note=f"{run.note} {note}".strip()) for run in shown]
+    return tuple(shown)
 
 
 def _run(run: Run, rows: int, sets: Sequence[Mapping[str, float]]) -> LiveRun:

@@ -85,10 +85,10 @@ def _resampled(record: Record, step: float) -> Record:
 def _best_excited(hertz: Array, power: Array) -> NDArray[np.int64]:
     """The strongest frequency of each logarithmic band, without those of no power."""
     bands = np.floor(BANDS * np.log(hertz[1:] / hertz[1]) / np.log(hertz[-1] / hertz[1]))
-    found = []
+    places = []
     for band in np.unique(bands):
         members = 1 + np.flatnonzero(bands == band)
         best = members[np.argmax(power[members])]
         if power[best] > 0.0:
-            found.append(best)
-    return np.array(found, dtype=np.int64)
+            places.append(best)
+    return np.array(places, dtype=np.int64)

@@ -126,7 +126,7 @@ def search(
     return Optimum(vector, cost, met and not stopped, stopped, costs, widths)
 
 
-def polished(problem: Problem, found: Optimum, seed: int, tell: Progress) -> Optimum:
+def polished(problem: Problem, optimum: Optimum, seed: int, tell: Progress) -> Optimum:
     """Return a better point than a search on a rough surface has found, or the same.
 
     Least squares end in the first dent.  CMA-ES goes on over the dents, in the region in which
@@ -136,9 +136,9 @@ def polished(problem: Problem, found: Optimum, seed: int, tell: Progress) -> Opt
         for run in range(POLISHES):
             _polish(problem, seed + run, tell)
     except KeyboardInterrupt:
-        found = replace(found, converged=False, interrupted=True)
+        optimum = replace(optimum, converged=False, interrupted=True)
     cost, vector = problem.memory.best
-    return replace(found, vector=vector, cost=cost)
+    return replace(optimum, vector=vector, cost=cost)
 
 
 def _polish(problem: Problem, seed: int, tell: Progress) -> None:
@@ -252,10 +252,10 @@ def along_valley(
     """
     slopes = problem.jacobian(vector, widths)
     for _ in range(VALLEY_STEPS):
-        found, worth = _whole_step(problem, vector, slopes)
-        if found is None:
+        further, worth = _whole_step(problem, vector, slopes)
+        if further is None:
             return vector, not worth, slopes
-        vector, slopes = found, problem.jacobian(found, widths)
+        vector, slopes = further, problem.jacobian(further, widths)
     return vector, False, slopes
 
 
@@ -279,12 +279,12 @@ def _whole_step(problem: Problem, vector: Array, slopes: Array) -> tuple[Array |
     across = (ways[steep].T / steepness[steep]) @ left[:, steep].T
     for part in VALLEY_PARTS:
         move = np.clip(part * step, -LARGEST_FACTOR_LOG, LARGEST_FACTOR_LOG)
-        found = moved(problem, vector, move * units(problem, vector))
+        point = moved(problem, vector, move * units(problem, vector))
         for _ in range(STEPS_BACK):
-            back = across @ problem.residuals(found)[:n]
-            found = moved(problem, found, -back * units(problem, found))
-        if 2.0 * problem.costs([found])[0] < squared:
-            return found, True
+            back = across @ problem.residuals(point)[:n]
+            point = moved(problem, point, -back * units(problem, point))
+        if 2.0 * problem.costs([point])[0] < squared:
+            return point, True
     return None, True
 
 

@@ -106,7 +106,7 @@ def mistaken_columns(model: Model, log: Log, answer: float) -> Iterator[Mistake]
 
 
 def implausible_clocks(described: Description) -> tuple[str, ...]:
-    """Return which logs are no match for the time in which the actuator answers a step.
+    """Return which logs are too slow or short for the step response.
 
     Nothing of the log is simulated, so that it is told before days of simulation begin.
     """
@@ -257,10 +257,10 @@ def _turned(model: Model, log: Log, names: Sequence[str]) -> Log:
     if not names:
         return log
     turned = {name: -values for name, values in log.outputs.items() if name in names}
-    found = replace(log, outputs={**log.outputs, **turned})
+    again = replace(log, outputs={**log.outputs, **turned})
     if log.start and log.start.fitted:
-        (found,) = with_starts(model, [replace(found, start=None, assumed=True)])
-    return found
+        (again,) = with_starts(model, [replace(again, start=None, assumed=True)])
+    return again
 
 
 # Columns of something else
@@ -314,21 +314,21 @@ def _about_units(model: Model, log: Log, answer: float) -> Iterator[Mistake]:
     now = _misfits(model, log)
     if not now:
         return
-    found: list[tuple[float, float, Correction]] = []
+    sensible: list[tuple[float, float, Correction]] = []
     for correction in _corrections(model, log, now, answer):
         changed = correction.of(log)
         if _leaves_bounds(model.plant, changed):
             continue
         then = _misfits(model, changed)
         if _makes_sense(model, log, changed, correction, now, then, answer):
-            found.append((_mean(then), _strangeness(model.plant, changed), correction))
-    if not found:
+            sensible.append((_mean(then), _strangeness(model.plant, changed), correction))
+    if not sensible:
         return
-    counts = [one for *_, one in found if not one.unit and TIME not in one.columns]
+    counts = [one for *_, one in sensible if not one.unit and TIME not in one.columns]
     # a unit is a better cure than a figure
-    found = [row for row in found if row[2] not in counts] or found
-    least = min(misfit for misfit, *_ in found)
-    alike = [row for row in found if row[0] <= least + CLOSE]
+    sensible = [row for row in sensible if row[2] not in counts] or sensible
+    least = min(misfit for misfit, *_ in sensible)
+    alike = [row for row in sensible if row[0] <= least + CLOSE]
     alike.sort(key=lambda row: row[1])
     told = [correction for *_, correction in alike]
     effects = {it for one in told for it in (SLOW if TIME in one.columns else ("gain_error",))}
@@ -348,25 +348,25 @@ def _sentence(log: Log, corrections: Sequence[Correction], counts: Sequence[Corr
     return ", or else ".join(texts) + "; as it stands the log contradicts the model and its scale"
 
 
-def _cure(log: Log, one: Correction) -> str:
-    names = " and ".join(_column(log, name) for name in one.columns)
-    channel = _channel(log, one.columns[0])
-    verb, them = ("is", "it") if len(one.columns) == 1 else ("are", "them")
-    if one.unit:
-        key = "time.unit" if TIME in one.columns else "unit"
+def _cure(log: Log, correction: Correction) -> str:
+    names = " and ".join(_column(log, name) for name in correction.columns)
+    channel = _channel(log, correction.columns[0])
+    verb, them = ("is", "it") if len(correction.columns) == 1 else ("are", "them")
+    if correction.unit:
+        key = "time.unit" if TIME in correction.columns else "unit"
         return (
-            f"{names} {verb} read in {channel.told[1]}, but {one.unit} would make sense: give"
-            f' {them} {key} = "{one.unit}"'
+            f"{names} {verb} read in {channel.told[1]}, but {correction.unit} would make sense:"
+            f' give {them} {key} = "{correction.unit}"'
         )
     told, unit = channel.told
-    if TIME in one.columns:
+    if TIME in correction.columns:
         return (
-            f"{names} runs about {1.0 / one.ratio:.2g} times too slowly for the model, as the"
-            f' number of a row may: give it time.unit = "{one.ratio * told:.2g} {unit}"'
+            f"{names} runs about {1.0 / correction.ratio:.2g} times too slowly for the model, as"
+            f' the number of a row may: give it time.unit = "{correction.ratio * told:.2g} {unit}"'
         )
     return (
-        f"{names} {verb} not scaled: the model moves {one.ratio:.3g} times as far; give {them}"
-        f" scale = {one.ratio * told:.4g} (so many {unit or 'SI units'} is a number worth)"
+        f"{names} {verb} not scaled: the model moves {correction.ratio:.3g} times as far; give"
+        f" {them} scale = {correction.ratio * told:.4g} ({unit or 'SI units'} per count)"
     )
 
 
@@ -469,7 +469,7 @@ def _makes_sense(
 
 def _beyond(model: Model, log: Log, answer: float) -> list[str]:
     """Outputs that leave their full scale, or turn faster than that of their rate."""
-    found = []
+    beyond = []
     wires = model.plant.wire
     for name in log.outputs:
         wire = wires[name]
@@ -483,8 +483,8 @@ def _beyond(model: Model, log: Log, answer: float) -> list[str]:
             continue
         rates = np.abs(values[stride:] - values[:-stride]) / (times[stride:] - times[:-stride])
         if float(np.percentile(rates, 99.9)) > BEYOND * rate.scale:
-            found.append(name)
-    return found
+            beyond.append(name)
+    return beyond
 
 
 def _is_declared(wire: Wire) -> bool:
@@ -514,7 +514,7 @@ def _misfits(model: Model, log: Log) -> dict[str, float]:
     other, whichever that is.
     """
     simulated = _simulated(model, log)
-    found: dict[str, float] = {}
+    misfits: dict[str, float] = {}
     for name in log.outputs:
         if model.plant.wire[name].flag:
             continue
@@ -522,17 +522,17 @@ def _misfits(model: Model, log: Log) -> dict[str, float]:
         measured, response = measured - np.mean(measured), response - np.mean(response)
         power = float(np.mean(measured**2) + np.mean(response**2))
         misfit = float(np.mean((measured - response) ** 2)) / power if power != 0.0 else 0.0
-        found[name] = misfit if math.isfinite(misfit) else math.inf
-    return found
+        misfits[name] = misfit if math.isfinite(misfit) else math.inf
+    return misfits
 
 
 def _simulated(model: Model, log: Log) -> dict[str, Array]:
     """Measured outputs as the nominal model gives them; NaN where it cannot be simulated."""
     try:
-        found = prepared(model, log).outputs_or_nan({})
+        outputs = prepared(model, log).outputs_or_nan({})
     except UserError:
-        found = np.full((len(log.times), len(log.outputs)), np.nan)
-    return dict(zip(log.outputs, found.T))
+        outputs = np.full((len(log.times), len(log.outputs)), np.nan)
+    return dict(zip(log.outputs, outputs.T))
 
 
 def _usual(log: Log, name: str) -> Mask:

@@ -106,11 +106,11 @@ def free_names(plant: Plant, words: Iterable[str]) -> tuple[str, ...]:
     """
     names: dict[str, None] = {}
     for word in [words] if isinstance(words, str) else words:
-        found = [n for n, p in plant.parameters.items() if word in (n, p.owner)]
-        if not found:
+        matches = [n for n, p in plant.parameters.items() if word in (n, p.owner)]
+        if not matches:
             known = {**plant.parameters, **plant.placements}
             raise UserError(unknown("parameter", word, known))
-        names.update(dict.fromkeys(found))
+        names.update(dict.fromkeys(matches))
     return tuple(names)
 
 
@@ -169,8 +169,8 @@ class Problem:
             self, "runs", [prepared(self.model, log, self.steps) for log in self.logs]
         )
         measured = dict.fromkeys(name for log in self.logs for name in log.outputs)
-        own = {name: self.scatter(name) for name in measured if name not in self.sigma}
-        object.__setattr__(self, "sigma", {**self.sigma, **own})
+        scatters = {name: self.scatter(name) for name in measured if name not in self.sigma}
+        object.__setattr__(self, "sigma", {**self.sigma, **scatters})
         if self.start is None:
             begin = np.array([free.start for free in self.free]) / self.scales
             object.__setattr__(self, "start", begin)
@@ -190,14 +190,14 @@ class Problem:
 
         Of a ripple's count it is the one by which the ripple's phase moves by 1 rad.
         """
-        plant, found = self.model.plant, np.full(len(self.free), np.inf)
+        plant, changes = self.model.plant, np.full(len(self.free), np.inf)
         for i, free in enumerate(self.free):
             parameter = plant.parameters[free.name]
             if parameter.owner:
                 hints = plant.main(parameter.owner).effect.hints
                 if parameter.key in hints.counts:
-                    found[i] = 1.0 / (travel(plant, self.logs) * free.scale)
-        return found
+                    changes[i] = 1.0 / (travel(plant, self.logs) * free.scale)
+        return changes
 
     def weighted_by(self, sigma: Mapping[str, float], start: Array) -> Problem:
         """Return the same problem with other weights [SI]; costs so far do not count there."""
@@ -262,8 +262,8 @@ class Problem:
 
     def costs(self, vectors: Sequence[Array]) -> list[float]:
         """Return half the sum of the squared ``residuals`` of each vector, found together."""
-        found = self._all(vectors)
-        return [self._note(vector, residuals) for vector, residuals in zip(vectors, found)]
+        every = self._all(vectors)
+        return [self._note(vector, residuals) for vector, residuals in zip(vectors, every)]
 
     def _note(self, vector: Array, residuals: Array) -> float:
         """Remember a vector if it is the best so far, and return its cost."""
@@ -344,8 +344,8 @@ class Problem:
         points = [vector + (ends - vector) * e for e in units]
         if widths is not None:
             points += [vector + (starts - vector) * e for e in units]
-            found = self._all(points)
-            pairs = zip(found[: len(units)], found[len(units) :])
+            errors = self._all(points)
+            pairs = zip(errors[: len(units)], errors[len(units) :])
         else:
             known, base = self.memory.latest
             if not np.array_equal(known, vector):

@@ -90,15 +90,15 @@ def blurs(
     Columns with copies that cannot be simulated are left out.
     """
     random = np.random.default_rng(0)
-    found = []
+    blurred = []
     for log in logs:
         for name, why, size, copies in _copies(log, random):
             outputs = np.array(list(workers.map(_Copy(model, log, values), copies)))
             spread = np.sqrt(np.mean((outputs - outputs.mean(axis=0)) ** 2, axis=(0, 1)))
             moves = {out: float(it) / floors[out] for out, it in zip(log.outputs, spread)}
             if np.isfinite(spread).all():
-                found.append(Blur(log.name, name, why, size, moves))
-    return tuple(sorted(found, key=lambda it: -it.largest))
+                blurred.append(Blur(log.name, name, why, size, moves))
+    return tuple(sorted(blurred, key=lambda it: -it.largest))
 
 
 def supposed(blur: Blur, plant: Plant) -> str:

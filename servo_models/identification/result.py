@@ -157,7 +157,7 @@ def _rms(error: Array) -> float:
 
 def conclude(
     problem: Problem,
-    found: Optimum,
+    optimum: Optimum,
     spread: Spread,
     fitted: Model,
     before: Sequence[dict[str, Array]],
@@ -169,7 +169,7 @@ def conclude(
     Raises:
         UserError: the fitted model leaves the finite numbers, or its RMS error does.
     """
-    after = problem.responses(found.vector)
+    after = problem.responses(optimum.vector)
     rows = accuracy(problem.logs, before, after)
     for row in rows:
         if not np.isfinite(row.after):
@@ -183,7 +183,7 @@ def conclude(
         fitted=fitted,
         logs=problem.logs,
         free=problem.free,
-        values=np.array(list(problem.values(found.vector).values())),
+        values=np.array(list(problem.values(optimum.vector).values())),
         standard_errors=spread.standard_errors,
         correlations=spread.correlations,
         condition=spread.condition,
@@ -195,8 +195,8 @@ def conclude(
         after=after,
         method=method,
         warnings=warnings,
-        converged=found.converged,
-        interrupted=found.interrupted,
-        costs=found.costs,
+        converged=optimum.converged,
+        interrupted=optimum.interrupted,
+        costs=optimum.costs,
         evaluations=problem.memory.evaluations,
     )

@@ -72,79 +72,77 @@ NOTES = "Notes on the logs"
 
 
 @report_of.register(Identification)
-def _identification(found: Identification, date: str = "") -> Report:
-    return replace(_undated(found), date=date)
+def _identification(fit: Identification, date: str = "") -> Report:
+    return replace(_undated(fit), date=date)
 
 
 @lru_cache(1)  # it costs a frequency response
-def _undated(found: Identification) -> Report:
-    floors = noise_floors(audits(found.logs, found.fitted.plant))
-    return judged(identification_report(found, floors), found.warnings)
+def _undated(fit: Identification) -> Report:
+    floors = noise_floors(audits(fit.logs, fit.fitted.plant))
+    return judged(identification_report(fit, floors), fit.warnings)
 
 
 @page_of.register(Identification)
-def _identification_page(found: Identification, date: str = "") -> Report:
-    return with_figures(report_of(found, date), found.fitted)
+def _identification_page(fit: Identification, date: str = "") -> Report:
+    return with_figures(report_of(fit, date), fit.fitted)
 
 
 @report_of.register(Outcome)
-def _identified(found: Outcome, date: str = "") -> Report:
-    return report_of(found.result, date)
+def _identified(outcome: Outcome, date: str = "") -> Report:
+    return report_of(outcome.result, date)
 
 
 @page_of.register(Outcome)
-def _identified_page(found: Outcome, date: str = "") -> Report:
-    return page_of(found.result, date)
+def _identified_page(outcome: Outcome, date: str = "") -> Report:
+    return page_of(outcome.result, date)
 
 
-def identification_report(
-    found: Identification, floors: Mapping[str, float] | None = None
-) -> Report:
+def identification_report(fit: Identification, floors: Mapping[str, float] | None = None) -> Report:
     """Return a fit as people read it.
 
     Args:
-        found: from ``identification.fit.fit``.
+        fit: from ``identification.fit.fit``.
         floors: noise floors [SI] of outputs, by name.
     """
-    model = found.fitted
-    drawn = most_missed(_readings(found), found.sigma)
+    model = fit.fitted
+    drawn = most_missed(_readings(fit), fit.sigma)
     pictures = tuple(reading.picture() for reading in drawn)
     return Report(
         f"Identification of {model.actuator.name}, variant {model.variant}",
-        _sentence(found),
-        _judgement(found),
+        _sentence(fit),
+        _judgement(fit),
         (
-            _parameter_card(found),
-            *(_error_card(found, output, (floors or {}).get(output)) for output in found.sigma),
-            Card("next", "\n".join(_next(found, floors or {}))),
+            _parameter_card(fit),
+            *(_error_card(fit, output, (floors or {}).get(output)) for output in fit.sigma),
+            Card("next", "\n".join(_next(fit, floors or {}))),
         ),
-        tuple(f"Warning: {text}." for text in found.warnings),
+        tuple(f"Warning: {text}." for text in fit.warnings),
         (
             Section(
                 "Measured and fitted",
-                not_drawn(found.logs),
-                items=log_notes(found.logs),
+                not_drawn(fit.logs),
+                items=log_notes(fit.logs),
                 pictures=pictures[:1],
-                live=_panel(found, floors or {}),
+                live=_panel(fit, floors or {}),
             ),
-            _parameters(found),
-            _errors(found),
+            _parameters(fit),
+            _errors(fit),
             Section("Other responses", pictures=pictures[1:], folded=True),
             _residuals(drawn),
-            _frequency_response(found),
-            _provenance(found),
+            _frequency_response(fit),
+            _provenance(fit),
         ),
     )
 
 
-def _panel(found: Identification, floors: Mapping[str, float]) -> Live | None:
+def _panel(fit: Identification, floors: Mapping[str, float]) -> Live | None:
     """The logs beside the model before and after, to be moved by hand."""
     models = live_logs(
-        found.nominal,
-        found.logs,
-        {"fitted": found.fitted.values},
-        {free.name: float(it) for free, it in zip(found.free, found.standard_errors)},
-        {free.name for free in found.free},
+        fit.nominal,
+        fit.logs,
+        {"fitted": fit.fitted.values},
+        {free.name: float(it) for free, it in zip(fit.free, fit.standard_errors)},
+        {free.name for free in fit.free},
         floors,
     )
     return Live("Measured and fitted", MOVE, models, "what if: not the fit") if models else None
@@ -165,57 +163,57 @@ def with_figures(report: Report, fitted: Model) -> Report:
 # the answer
 
 
-def judged_part(found: Identification, output: str) -> str:
+def judged_part(fit: Identification, output: str) -> str:
     """Return the part that judges an output: held out, if any of it was."""
-    parts = {row.part for row in found.accuracy if row.output == output}
+    parts = {row.part for row in fit.accuracy if row.output == output}
     return HELD_OUT if HELD_OUT in parts else FIT
 
 
-def _sentence(found: Identification) -> str:
+def _sentence(fit: Identification) -> str:
     """What was fitted, and the error of the output that comes first."""
-    count = len(found.free)
-    output = next(iter(found.sigma))
-    held_out = judged_part(found, output) == HELD_OUT
+    count = len(fit.free)
+    output = next(iter(fit.sigma))
+    held_out = judged_part(fit, output) == HELD_OUT
     error = "held-out error" if held_out else "error (nothing held out)"
     return (
-        f"{''.join(f'{text}; ' for text in _surprises(found))}"
+        f"{''.join(f'{text}; ' for text in _surprises(fit))}"
         f"{plural(count, 'parameter')} fitted: {error} of {words(output)}"
-        f" {_change(found, output)} RMS"
+        f" {_change(fit, output)} RMS"
     )
 
 
-def _surprises(found: Identification) -> list[str]:
+def _surprises(fit: Identification) -> list[str]:
     """Which values are far from what was believed."""
     return [
-        surprise(found.fitted.plant.parameters[free.name], free.nominal, value)
-        for free, value in zip(found.free, found.values.tolist())
+        surprise(fit.fitted.plant.parameters[free.name], free.nominal, value)
+        for free, value in zip(fit.free, fit.values.tolist())
         if is_far(free, value)
     ]
 
 
-def _judgement(found: Identification) -> bool | None:
+def _judgement(fit: Identification) -> bool | None:
     """False if the judged error of any output grew, True if none did without a warning."""
-    if not all(_better(found, output) for output in found.sigma):
+    if not all(_better(fit, output) for output in fit.sigma):
         return False
-    return None if found.warnings else True
+    return None if fit.warnings else True
 
 
-def _better(found: Identification, output: str) -> bool:
-    part = judged_part(found, output)
-    return found.rms(output, part) <= found.rms(output, part, "before")
+def _better(fit: Identification, output: str) -> bool:
+    part = judged_part(fit, output)
+    return fit.rms(output, part) <= fit.rms(output, part, "before")
 
 
-def _change(found: Identification, output: str) -> str:
+def _change(fit: Identification, output: str) -> str:
     """RMS error before and after in the unit that a person reads."""
-    scale, unit = display(found.fitted.plant.wire[output])
-    part = judged_part(found, output)
-    before, after = (number(scale * found.rms(output, part, at)) for at in ("before", "after"))
+    scale, unit = display(fit.fitted.plant.wire[output])
+    part = judged_part(fit, output)
+    before, after = (number(scale * fit.rms(output, part, at)) for at in ("before", "after"))
     return with_unit(f"{before} {ARROW} {after}", unit)
 
 
-def _parameter_card(found: Identification) -> Card:
-    estimates = list(_estimates(found))
-    doubtful, shared = sum(bool(reason) for _, _, reason in estimates), _only_together(found)
+def _parameter_card(fit: Identification) -> Card:
+    estimates = list(_estimates(fit))
+    doubtful, shared = sum(bool(reason) for _, _, reason in estimates), _only_together(fit)
     lines = [f"{doubtful} of {len(estimates)} doubtful" if doubtful else "all determined"]
     if shared and not doubtful:
         lines = [f"{len(shared)} of {len(estimates)} determined only together"]
@@ -229,51 +227,49 @@ def _parameter_card(found: Identification) -> Card:
     return Card("parameters", "\n".join(lines), True if is_well else None, PARAMETERS)
 
 
-def _only_together(found: Identification) -> set[str]:
+def _only_together(fit: Identification) -> set[str]:
     """Names of parameters that these logs cannot tell apart from another one."""
-    pairs = correlated(found.free, found.correlations)
-    return {found.free[i].name for pair in pairs for i in pair}.union(*found.groups)
+    pairs = correlated(fit.free, fit.correlations)
+    return {fit.free[i].name for pair in pairs for i in pair}.union(*fit.groups)
 
 
-def _estimates(found: Identification) -> Iterator[tuple[Free, Quantity, str]]:
+def _estimates(fit: Identification) -> Iterator[tuple[Free, Quantity, str]]:
     """Every parameter as a person reads it, and why it is doubtful, "" if it is not."""
-    for free, value, error in zip(
-        found.free, found.values.tolist(), found.standard_errors.tolist()
-    ):
-        parameter = found.fitted.plant.parameters[free.name]
+    for free, value, error in zip(fit.free, fit.values.tolist(), fit.standard_errors.tolist()):
+        parameter = fit.fitted.plant.parameters[free.name]
         yield free, shown_value(parameter, value, error), doubt(free, value, error)
 
 
-def _error_card(found: Identification, output: str, floor: float | None) -> Card:
-    part = judged_part(found, output)
-    scale, unit = display(found.fitted.plant.wire[output])
-    text = f"{_change(found, output)} RMS"
+def _error_card(fit: Identification, output: str, floor: float | None) -> Card:
+    part = judged_part(fit, output)
+    scale, unit = display(fit.fitted.plant.wire[output])
+    text = f"{_change(fit, output)} RMS"
     measured = [
         log.outputs[output][log.held_out if part == HELD_OUT else ~log.held_out]
-        for log in found.logs
+        for log in fit.logs
         if output in log.outputs
     ]
     if spread := float(np.ptp(np.concatenate(measured))):
-        text += f"\n{number(100.0 * found.rms(output, part) / spread, 2)} % of its range"
+        text += f"\n{number(100.0 * fit.rms(output, part) / spread, 2)} % of its range"
     if floor is not None:
         text += f"\nnoise floor {Quantity(scale * floor, unit)}"
-    return Card(f"{words(output)}, {part}", text, _better(found, output), ERRORS)
+    return Card(f"{words(output)}, {part}", text, _better(fit, output), ERRORS)
 
 
-def _next(found: Identification, floors: Mapping[str, float]) -> list[str]:
+def _next(fit: Identification, floors: Mapping[str, float]) -> list[str]:
     """What to do next, the most urgent first."""
     lines = []
-    if found.warnings:
+    if fit.warnings:
         lines.append("Read the warnings below before using the values.")
-    seen = [words(output) for output in found.sigma if judged_part(found, output) != HELD_OUT]
+    seen = [words(output) for output in fit.sigma if judged_part(fit, output) != HELD_OUT]
     if seen:
         lines.append(
             "Hold out a log, or a part of one: no samples of"
             f" {', '.join(seen)} were, so the error on new data is unknown."
         )
     left = {
-        output: found.rms(output, judged_part(found, output)) / floors[output]
-        for output in found.sigma
+        output: fit.rms(output, judged_part(fit, output)) / floors[output]
+        for output in fit.sigma
         if floors.get(output)
     }
     if left and max(left.values()) > AT_FLOOR:
@@ -290,51 +286,51 @@ def _next(found: Identification, floors: Mapping[str, float]) -> list[str]:
 # what it rests on
 
 
-def _readings(found: Identification) -> list[Reading]:
+def _readings(fit: Identification) -> list[Reading]:
     """Every output of every log, in their order."""
-    wire = found.fitted.plant.wire
+    wire = fit.fitted.plant.wire
     return [
         reading(log, wire[output], {"nominal": old[output], "fitted": new[output]})
-        for log, old, new in zip(found.logs, found.before, found.after)
+        for log, old, new in zip(fit.logs, fit.before, fit.after)
         for output in log.outputs
     ]
 
 
-def _errors(found: Identification) -> Section:
+def _errors(fit: Identification) -> Section:
     return Section(
         ERRORS,
         "Before: nominal parameters. After: fitted ones. Fit: share of the measured movement that"
         " the fitted model explains.",
-        tables=(error_table("RMS errors", found.accuracy, found.fitted.plant),),
+        tables=(error_table("RMS errors", fit.accuracy, fit.fitted.plant),),
         folded=True,
     )
 
 
-def _parameters(found: Identification) -> Section:
+def _parameters(fit: Identification) -> Section:
     return Section(
         PARAMETERS,
         "Standard errors count correlated residuals; they do not count what the model lacks."
         " A prior is the standard deviation of the nominal value."
-        f" Condition of the fit: {number(found.condition, 2)}.",
+        f" Condition of the fit: {number(fit.condition, 2)}.",
         tables=(
             Table(
                 "Estimated parameters",
                 ("parameter", "before", "prior \N{PLUS-MINUS SIGN}", "estimate", "", "meaning"),
-                tuple(_parameter_row(found, *row) for row in _estimates(found)),
+                tuple(_parameter_row(fit, *row) for row in _estimates(fit)),
             ),
         ),
         pictures=(
-            *correlation_map([free.name for free in found.free], found.correlations),
-            *cost_profiles(found.profiles),
+            *correlation_map([free.name for free in fit.free], fit.correlations),
+            *cost_profiles(fit.profiles),
         ),
         folded=True,
     )
 
 
 def _parameter_row(
-    found: Identification, free: Free, estimate: Quantity, reason: str
+    fit: Identification, free: Free, estimate: Quantity, reason: str
 ) -> tuple[Cell, ...]:
-    parameter = found.fitted.plant.parameters[free.name]
+    parameter = fit.fitted.plant.parameters[free.name]
     return (
         free.name,
         shown_value(parameter, free.nominal, digits=6),
@@ -387,19 +383,19 @@ def _residual(reading: Reading) -> Picture:
     )
 
 
-def _provenance(found: Identification) -> Section:
+def _provenance(fit: Identification) -> Section:
     """Model, method, logs with their hashes, and versions."""
-    ending = "converged" if found.converged else "did not converge"
-    if found.interrupted:
+    ending = "converged" if fit.converged else "did not converge"
+    if fit.interrupted:
         ending = "stopped by the user"
-    costs = ", ".join(number(cost, 5) for cost in found.costs)
+    costs = ", ".join(number(cost, 5) for cost in fit.costs)
     facts = (
-        ("method", found.method),
+        ("method", fit.method),
         (
             "search",
-            f"{ending}; {found.evaluations} simulations of all logs; cost of each start: {costs}",
+            f"{ending}; {fit.evaluations} simulations of all logs; cost of each start: {costs}",
         ),
-        *log_facts(found.logs),
+        *log_facts(fit.logs),
         *conditions().items(),
     )
     return Section("Provenance", facts=facts, folded=True)
@@ -436,10 +432,10 @@ class _Pair:
         return np.asarray(20.0 * np.log10(scale * np.abs(response)))
 
 
-def _frequency_response(found: Identification) -> Section:
+def _frequency_response(fit: Identification) -> Section:
     """A Bode plot for each input and output that logs relate, and what it lacks."""
-    pairs = _pairs(found)
-    linear, missing = _small_signals(found) if pairs else (None, [])
+    pairs = _pairs(fit)
+    linear, missing = _small_signals(fit) if pairs else (None, [])
     pictures = []
     for pair in pairs:
         measured = empirical(pair.records, pair.step)
@@ -458,10 +454,10 @@ def _frequency_response(found: Identification) -> Section:
     )
 
 
-def _pairs(found: Identification) -> list[_Pair]:
-    wires = found.fitted.plant.wire
+def _pairs(fit: Identification) -> list[_Pair]:
+    wires = fit.fitted.plant.wire
     related: dict[tuple[str, str], list[Record]] = {}
-    for log, after in zip(found.logs, found.after):
+    for log, after in zip(fit.logs, fit.after):
         for name, values in log.inputs.items():
             for output, measured in log.outputs.items():
                 if np.ptp(values) > 0.0 and not wires[output].flag:
@@ -470,10 +466,10 @@ def _pairs(found: Identification) -> list[_Pair]:
     return [_Pair(wires[i], wires[o], tuple(records)) for (i, o), records in related.items()]
 
 
-def _small_signals(found: Identification) -> tuple[LinearModel | None, list[str]]:
+def _small_signals(fit: Identification) -> tuple[LinearModel | None, list[str]]:
     """The linear model where the first log begins, and what is missing from it."""
-    log = found.logs[0]
-    model = found.fitted
+    log = fit.logs[0]
+    model = fit.fitted
     settings = {**log.constants, **{name: float(u[0]) for name, u in log.inputs.items()}}
     inputs = {wire.name for wire in model.plant.inputs}
     fixed = {name: value for name, value in settings.items() if name not in inputs}
@@ -555,62 +551,62 @@ def beside(reference: Array, response: Complex) -> Array:
 
 
 @report_of.register(Check)
-def _check(found: Check, date: str = "") -> Report:
+def _check(check: Check, date: str = "") -> Report:
     """Return what logs are worth and what they determine."""
-    told, warnings = found.description, found.warnings
-    first, *others = map(partial(_log_section, found.plant), found.audits)
+    told, warnings = check.description, check.warnings
+    first, *others = map(partial(_log_section, check.plant), check.audits)
     return Report(
         f"{told.path}: {told.actuator.name}, variant {told.variant}",
-        _usable(found),
+        _usable(check),
         None if warnings else True,
-        _check_cards(found),
+        _check_cards(check),
         tuple(f"Warning: {text}." for text in warnings),
         (
             Section(NOTES, items=log_notes(told.logs)),
             first,
             *(replace(section, folded=True) for section in others),
-            Section("What the columns may hide", tables=(_blur_table(found),), folded=True),
-            Section("Parameters", tables=(_reach_table(found),), folded=True),
-            Section("Effects", tables=(_effect_table(found),), folded=True),
+            Section("What the columns may hide", tables=(_blur_table(check),), folded=True),
+            Section("Parameters", tables=(_reach_table(check),), folded=True),
+            Section("Effects", tables=(_effect_table(check),), folded=True),
         ),
         date,
     )
 
 
-def _usable(found: Check) -> str:
-    count = len(found.warnings)
+def _usable(check: Check) -> str:
+    count = len(check.warnings)
     if not count:
         return "The logs are usable"
     return f"{plural(count, 'warning')}: read before fitting"
 
 
-def _check_cards(found: Check) -> tuple[Card, ...]:
+def _check_cards(check: Check) -> tuple[Card, ...]:
     cards = []
-    if found.asked:
-        determined = [r.name for r in found.identifiability.parameters if r.together <= WELL]
-        doubtful = [r.name for r in found.identifiability.parameters if r.together > WELL]
+    if check.asked:
+        determined = [r.name for r in check.identifiability.parameters if r.together <= WELL]
+        doubtful = [r.name for r in check.identifiability.parameters if r.together > WELL]
         cards.append(Card("determined", _names(determined), True, "Parameters"))
         if doubtful:
             cards.append(Card("roughly, or not at all", _names(doubtful), None, "Parameters"))
-    if effects := found.identifiability.effects:
+    if effects := check.identifiability.effects:
         shown = sum(reach.shown for reach in effects)
         cards.append(Card("effects", f"{shown} of {len(effects)} can be shown", None, "Effects"))
     step = "Run 'identify', or 'diagnose' for effects that the model may lack."
-    if found.warnings:
+    if check.warnings:
         step = "Read the warnings below: each says what to do."
     return (*cards, Card("next", step))
 
 
-def _log_section(plant: Plant, found: Audit) -> Section:
-    log, clock = found.log, found.sampling
+def _log_section(plant: Plant, audit: Audit) -> Section:
+    log, clock = audit.log, audit.sampling
     title = f"Log '{log.name}'"
-    inputs = tuple(_command_row(each, plant.wire[each.name], clock) for each in found.commands)
-    outputs = tuple(_output_row(each, plant.wire[each.name]) for each in found.readings)
+    inputs = tuple(_command_row(each, plant.wire[each.name], clock) for each in audit.commands)
+    outputs = tuple(_output_row(each, plant.wire[each.name]) for each in audit.readings)
     return Section(
         title,
         tables=(
             Table(
-                f"{title}: {_clock(clock)}; at rest in {found.at_rest:.0%} of them",
+                f"{title}: {_clock(clock)}; at rest in {audit.at_rest:.0%} of them",
                 ("input", "from", "to", "levels", "reversals", "clock", "band it excites"),
                 inputs,
             ),
@@ -686,19 +682,19 @@ def _log_picture(log: Log, plant: Plant) -> Picture:
     return Picture(log.name, draw, text, len(shown), 0.8 + 1.2 * len(shown), shared=True)
 
 
-def _reach_table(found: Check) -> Table:
+def _reach_table(check: Check) -> Table:
     """What the description asks for; all that the logs show where it asks for nothing."""
-    priors = found.description.uncertainty
+    priors = check.description.uncertainty
     rows = tuple(
         (
             reach.name,
-            _size_of(found, reach.name, reach.sizes[reach.name], 6),
-            _size_of(found, reach.name, reach.alone * reach.scale),
-            _size_of(found, reach.name, reach.together * reach.scale),
+            _size_of(check, reach.name, reach.sizes[reach.name], 6),
+            _size_of(check, reach.name, reach.alone * reach.scale),
+            _size_of(check, reach.name, reach.together * reach.scale),
             _reach_mark(reach, reach.name in priors),
         )
-        for reach in found.identifiability.parameters
-        if found.asked or reach.shown
+        for reach in check.identifiability.parameters
+        if check.asked or reach.shown
     )
     title = "Parameters, with the least standard error to expect: white noise, a right model"
     return Table(title, ("parameter", "value", "alone", "together", ""), rows)
@@ -709,36 +705,36 @@ def _reach_mark(reach: Detectability, has_prior: bool) -> Mark:
     return Mark(verdict(reach, has_prior), passed if reach.moves >= SHOWN else False)
 
 
-def _size_of(found: Check, name: str, size: float, digits: int = 2) -> Quantity:
+def _size_of(check: Check, name: str, size: float, digits: int = 2) -> Quantity:
     """A size of a parameter [SI] as a person reads it."""
-    parameter = found.plant.parameters[name]
+    parameter = check.plant.parameters[name]
     return shown_value(parameter, size, digits=digits)
 
 
-def _effect_table(found: Check) -> Table:
+def _effect_table(check: Check) -> Table:
     """What the logs show, hide, and confuse, in words."""
-    effects = found.identifiability.effects
+    effects = check.identifiability.effects
     title = "Effects, each at its typical size, beside a model that is right"
-    return Table(title, ("", ""), tuple(_effects(found)) if effects else ())
+    return Table(title, ("", ""), tuple(_effects(check)) if effects else ())
 
 
-def _effects(found: Check) -> Iterator[tuple[str, str]]:
-    effects = found.identifiability.effects
+def _effects(check: Check) -> Iterator[tuple[str, str]]:
+    effects = check.identifiability.effects
     still = [r.name for r in effects if r.moves < NOTHING]
     hidden = [r for r in effects if r.moves >= NOTHING and not r.shown and not r.absorbed]
     yield "can be shown", _names(r.name for r in effects if r.shown)
-    yield "cannot be shown", "; ".join(_hidden(found, r) for r in hidden) or "-"
+    yield "cannot be shown", "; ".join(_hidden(check, r) for r in hidden) or "-"
     yield "masked by free parameters", _names(r.name for r in effects if r.absorbed)
     yield "change no measured output", _names(still)
-    if found.identifiability.refused:
-        yield "cannot be simulated", _names(found.identifiability.refused)
-    for names in found.identifiability.together:
+    if check.identifiability.refused:
+        yield "cannot be simulated", _names(check.identifiability.refused)
+    for names in check.identifiability.together:
         yield "show only together", _names(names)
-    for group in found.identifiability.groups:
-        yield "look alike", _alike(group, found.plant)
+    for group in check.identifiability.groups:
+        yield "look alike", _alike(group, check.plant)
 
 
-def _blur_table(found: Check) -> Table:
+def _blur_table(check: Check) -> Table:
     """What an input's column leaves open, and how far that alone moves an output."""
     return Table(
         "What the columns of inputs leave open: below these movements nothing can be told",
@@ -747,11 +743,11 @@ def _blur_table(found: Check) -> Table:
             (
                 blur.log,
                 blur.column,
-                supposed(blur, found.plant),
+                supposed(blur, check.plant),
                 max(blur.moves, key=lambda name: blur.moves[name]),
                 number(blur.largest, 2),
             )
-            for blur in found.blurs
+            for blur in check.blurs
             if blur.largest >= LEAST_BLUR
         ),
     )
@@ -761,8 +757,8 @@ def _names(names: Iterable[str]) -> str:
     return ", ".join(names) or "-"
 
 
-def _hidden(found: Check, reach: Detectability) -> str:
-    sizes = " and ".join(str(_size_of(found, *size)) for size in reach.sizes.items())
+def _hidden(check: Check, reach: Detectability) -> str:
+    sizes = " and ".join(str(_size_of(check, *size)) for size in reach.sizes.items())
     cause = sizes if any(reach.sizes.values()) else "leaving it out"
     return f"{reach.name} ({cause} moves '{reach.output}' by {reach.moves:.1g} noise floors)"
 

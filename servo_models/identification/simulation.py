@@ -35,10 +35,11 @@ from servo_models.data.log import Log, Start
 from servo_models.errors import UserError
 
 FIRST_SAMPLES = 3  # samples at the beginning of a log
-OFF_AT_FIRST = 0.02  # error there over the range from which a log may have begun in another state
-OFF_LATER = 5.0  # error there over that of the second half from which it surely has
-MAYBE_AT_FIRST = 0.01  # error there over the range from which other starts are tried
-MAYBE_LATER = 2.0  # error there over the second half's from which a settled log has them tried
+OFF_AT_FIRST = 0.02  # start error over the range that may reject the assumed start
+OFF_LATER = 5.0  # start error over that of the second half that rejects it
+MAYBE_AT_FIRST = 0.01  # start error over the range from which other starts are tried
+MAYBE_LATER = 2.0
+"""Start error over that of the second half from which a settled log has them tried."""
 START_STEPS = 6  # Gauss-Newton steps of the fit of a start
 START_PARTS = (1.0, 0.25, 0.05)  # parts of such a step, the largest that leaves less is taken
 START_DIFFERENCE = 1e-4  # step of its difference quotients, in full scales
@@ -83,8 +84,8 @@ class Run:
         """Return all parameters [SI] with these values: what the log states stays as it states it,
         also where other logs leave it open."""
         stated = self.log.constants
-        own = {name: value for name, value in values.items() if name not in stated}
-        return {**self.model.values, **own}
+        left_open = {name: value for name, value in values.items() if name not in stated}
+        return {**self.model.values, **left_open}
 
     def simulate(self, values: Mapping[str, float]) -> Array:
         """All outputs of the plant with these parameters, shape (n, outputs of the plant).
@@ -187,10 +188,10 @@ class Run:
             return self.inputs
         if self.beginning.start.shaft:
             return None
-        found = self.beginning.values(self._vector(values))
+        begun = self.beginning.values(self._vector(values))
         again = self.inputs.copy()
         for column, wire in enumerate(self.model.plant.inputs):
-            again[0, column] = found.get(wire.name, again[0, column])
+            again[0, column] = begun.get(wire.name, again[0, column])
         return again
 
     def begun(self, values: Mapping[str, float]) -> tuple[Array, tuple[tuple[int, float], ...]]:
@@ -201,14 +202,14 @@ class Run:
         """
         assert self.beginning is not None
         try:
-            found = self.beginning.values(self._vector(values))
+            start = self.beginning.values(self._vector(values))
         except UserError:
-            found = {**self.beginning.start.shaft, **self.beginning.start.before}
+            start = {**self.beginning.start.shaft, **self.beginning.start.before}
         state = np.full(self.model.flat.size, np.nan)
         if self.model.shaft:
-            self.model.shaft.place(state, found)
+            self.model.shaft.place(state, start)
         places = np.flatnonzero(~np.isnan(state))
-        return self.beginning.held(found), tuple((int(k), float(state[k])) for k in places)
+        return self.beginning.held(start), tuple((int(k), float(state[k])) for k in places)
 
     @cached_property
     def _base(self) -> Array:
@@ -237,13 +238,13 @@ class Run:
 )
 def _simulated(run: Run, vector: Array) -> Array:
     """All outputs with a parameter vector [SI], to be read only: others will be given the same."""
-    found = (
+    outputs = (
         run.beginning.simulate(vector)
         if run.beginning
         else run.model.from_rest(vector, run.times, run.inputs, run.most_substeps(vector))
     )
-    found.flags.writeable = False
-    return found
+    outputs.flags.writeable = False
+    return outputs
 
 
 def prepared(model: Model, log: Log, steps: InternalSteps | None = None) -> Run:
@@ -330,9 +331,9 @@ class Beginning:
         """Errors of the first part over the range of each output, and of the prior."""
         log, rows = self.run.log, self._rows
         values = dict(zip([*self.start.shaft, *self.start.before], x.tolist()))
-        found = self._run_from(vector, values, rows[-1] + 1)[0][rows][:, self.run.columns]
+        outputs = self._run_from(vector, values, rows[-1] + 1)[0][rows][:, self.run.columns]
         measured = np.column_stack([log.outputs[name][rows] for name in log.outputs])
-        errors = (found - measured) / [np.ptp(it) or 1.0 for it in log.outputs.values()]
+        errors = (outputs - measured) / [np.ptp(it) or 1.0 for it in log.outputs.values()]
         return np.concatenate([errors.ravel(), START_PRIOR * (x - first) / self._scales])
 
     def _run_from(
@@ -346,8 +347,8 @@ class Beginning:
         if run.model.shaft:
             run.model.shaft.place(state, values)
         part, most = slice(len(run.times) - len(run.log.times), None), run.most_substeps(vector)
-        found = run.model.ran(vector, state, run.times[part][:rows], run.inputs[part][:rows], most)
-        return found, state
+        out = run.model.ran(vector, state, run.times[part][:rows], run.inputs[part][:rows], most)
+        return out, state
 
     @cached_property
     def _rows(self) -> NDArray[np.int64]:
@@ -462,22 +463,22 @@ class InternalSteps:
         }
 
     def _measured(self, run: Run, values: Mapping[str, float]) -> float:
-        own = run.model.values[STEP]
+        usual = run.model.values[STEP]
         noise = np.array([self.noise[name] for name in run.log.outputs])
         try:
             fine = run.outputs(values)
         except UserError:
-            return own
-        for step in _longer(run.log.times, own):
+            return usual
+        for step in _longer(run.log.times, usual):
             if _hidden((run.outputs_or_nan({**values, STEP: step}) - fine) / noise):
                 return step
-        return own
+        return usual
 
 
-def _longer(times: Array, own: float) -> Iterator[float]:
+def _longer(times: Array, usual: float) -> Iterator[float]:
     """Yield the interval of a log, its half and so on, as long as they are longer than a step."""
     step = float(np.quantile(np.diff(times), MOST_ROWS)) if len(times) > 1 else 0.0
-    while step > own:
+    while step > usual:
         yield step
         step *= 0.5
 

@@ -88,12 +88,12 @@ def _squares(model: Model, log: Log) -> float:
     run = prepared(model, log)
     early = log.times <= model.stop_time
     try:
-        found = run.outputs({})[early]
+        simulated = run.outputs({})[early]
     except UserError:
         return np.inf
     measured = np.column_stack(list(log.outputs.values()))
     reach = np.where(np.ptp(measured, axis=0) > 0.0, np.ptp(measured, axis=0), 1.0)
-    return float(np.sum(((found - measured[early]) / reach) ** 2))
+    return float(np.sum(((simulated - measured[early]) / reach) ** 2))
 
 
 # What the first samples say
@@ -147,13 +147,13 @@ def _first_rate(model: Model, log: Log, output: str, noise: float) -> tuple[floa
         count = min(max(count, SLOPE_SAMPLES), len(log.times))
         design = np.vander(log.times[:count] / log.times[count - 1], 3, increasing=True)
         readings = log.outputs[output][:count]
-        found, *_ = np.linalg.lstsq(design, readings, rcond=None)
-        left = float(np.sqrt(np.sum((readings - design @ found) ** 2) / (count - 3)))
+        coefficients, *_ = np.linalg.lstsq(design, readings, rcond=None)
+        left = float(np.sqrt(np.sum((readings - design @ coefficients) ** 2) / (count - 3)))
         if left <= STRAIGHT * noise or count <= SLOPE_SAMPLES:
             break
         count //= 2
     spread = noise * float(np.sqrt(np.linalg.inv(design.T @ design)[1, 1]))
-    return float(found[1]) / log.times[count - 1], spread / log.times[count - 1]
+    return float(coefficients[1]) / log.times[count - 1], spread / log.times[count - 1]
 
 
 # The ways in which it may begin
@@ -224,7 +224,7 @@ def false_statements(model: Model, logs: Sequence[Log]) -> dict[str, tuple[str, 
     Returns:
         a sentence with its cure, and the log as its first samples show that it begins.
     """
-    found = {}
+    wrong = {}
     for log in logs:
         if log.assumed or not log.outputs or (log.start is not None and log.start.fitted):
             continue
@@ -234,8 +234,8 @@ def false_statements(model: Model, logs: Sequence[Log]) -> dict[str, tuple[str, 
         stated, likely = _first_part(model, log), _first_part(model, shown)
         worse = _is_worse(log, stated, likely, model.plant.outputs)
         if worse and _is_another(model, stated[0], shown, likely):
-            found[log.name] = _sentence(model, log, shown), shown
-    return found
+            wrong[log.name] = _sentence(model, log, shown), shown
+    return wrong
 
 
 def _first_part(model: Model, log: Log) -> Array:
