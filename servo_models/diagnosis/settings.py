@@ -21,48 +21,45 @@ class Settings:
     that are reported (docs/studies/search.md).
 
     Attributes:
-        most_effects: in a fitted model.
+        most_effects: effects in a fitted model.
         fits_alone: smooth effects that are fitted alone.
         fits_beside: effects that are fitted beside each of the best models.
-        bases: models beside which further effects are fitted, none with an effect of a better one:
-            that of two look-alikes which is closer to the cause gains more by what both lack.
+        bases: beam width: models beside which effects are fitted, none with an effect of a better
+            one, since the better of two look-alikes gains more by what both lack.
         fits_exchanged: rivals that are fitted in the place of each effect of a model.
-        fit_steps: of the least squares of a fit.
-        fit_tolerance: decrease of its cost over the cost, that ends it.
-        far_deviations: prior deviations that a fit moves a parameter, from which it is also tried
-            with a wider prior.
+        fit_steps: least-squares steps of a fit during search.
+        fit_tolerance: cost tolerance during search.
+        far_deviations: prior deviations of a fitted parameter from which a wider prior is tried.
         wider_prior: factor on that prior.
-        promised_cost: that screening promises over the cost of the model without an effect, below
+        promised_cost: cost that screening promises over that of the model without an effect, below
             which the effect is worth a fit.
-        rival_cost: the same over that of the model itself, for an effect that may do as well.
+        rival_cost: promised cost over that of the model itself, for an effect that may do as well.
         as_good_share: share of what a model closes that leaves noise only, which another one has to
             promise.
-        enough_floors: held-out error [noise floors] below which a model is enough, and no effect
-            joins it, unless the tolerance is less.
+        enough_floors: held-out error [noise floors] below which no effect joins a model, unless the
+            tolerance is less.
         entry_gap_share: part of what re-tuned parameters leave above the noise floor [RMS] that a
             first effect has to take away.
         entry_advantage: twice the log likelihood ratio by which an effect has to predict unseen
             blocks better, beyond what the best of so many trials does by chance.
-        entry_probability: that so many blocks favour it by chance.
+        entry_probability: largest probability that so many blocks favour it by chance.
         entry_share: share of the mean square error left that an effect has to take away.
-        entry_share_on_bound: the same where a bound holds it back: what it imitates may be another
-            effect.
-        entry_share_of_third: the same for a third effect and each after it, and for each further
-            sine of a ripple: many together imitate what is none of them.
+        entry_share_on_bound: that share where a bound holds it back: it may imitate another effect.
+        entry_share_of_third: that share from the third effect on, and for each further sine of a
+            ripple: many together imitate what is none of them.
         loss_factor_on_bound: factor on the unseen errors of a model that a bound holds back.
-        bound_advantage: squared errors beyond a bound over their dispersion, from which it holds a
-            model back.
-        least_conditions: conditions of logs of which one is left out in turn.
+        bound_advantage: 2 dlogL beyond a bound from which a model is bound-limited.
+        least_conditions: conditions of logs from which one is left out in turn.
         settled_over_noise: structured part of the errors over the noise, below which noise is left.
-        structured_over_noise: the same, from which a part that is surely structured matters.
-        missed_gap_share: part of what there was to explain, that it is at least.
+        structured_over_noise: that ratio from which a part that is surely structured matters.
+        missed_gap_share: least structured part over what there was to explain.
         structured_floors: structured part [RMS, noise floors] that always matters.
-        many_effects: in a model by which nothing may be left.
+        many_effects: effects in a model from which nothing may be left.
         most_left_floors: structured part [RMS, noise floors] that a verdict without an effect may
             leave.
         followed_share: error left over the standard deviation of a reading, from which the model
             does not follow it.
-        locked_probability: that errors follow the command so far by chance.
+        locked_probability: largest probability that errors follow the command so far by chance.
         locked_over_noise: what follows it over the noise, from which it matters: noise alone passed
             both in 1 of 394 trials.
         hunting_share: share of a difference that stays at a tenth of the move, from which a
@@ -72,10 +69,9 @@ class Settings:
             told.
         shown_deviations: standard deviations, of noise or of the parameters together, by which an
             effect stands out.
-        few_models: that a set may hold and still say something.
-        covered_probability: that a set holds the cause.
-        temper: factor on the dispersion: a small effect that is missing beside the right one, or a
-            law that is not quite the actuator's, favours a wrong one by more than noise would.
+        few_models: models that a set may hold and still say something.
+        covered_probability: probability that a set holds the cause.
+        temper: factor on the dispersion: what is missing favours a wrong model by more than noise.
         doubt_share: share of what a fitted model surely lacks that may favour a wrong one.
         map_closed_share: share of what is left that a map of it has to close.
 
