@@ -93,12 +93,8 @@ def _stages(selection: Selection) -> dict[str, CrossValidation]:
 def rows_of(problem: Problem) -> dict[str, NDArray[np.int64]]:
     """Return which weighted errors belong to each output, by name."""
     rows: dict[str, list[NDArray[np.int64]]] = {}
-    start = 0
-    for log in problem.logs:
-        count = int(log.fitted.sum())
-        for name in log.outputs:
-            rows.setdefault(name, []).append(np.arange(start, start + count))
-            start += count
+    for (_, name), record in problem.records.items():
+        rows.setdefault(name, []).append(np.arange(record.start, record.stop))
     return {name: np.concatenate(parts) for name, parts in rows.items()}
 
 
@@ -182,14 +178,9 @@ def _closed(
 
 
 def _worst(problem: Problem, name: str, errors: Array) -> tuple[str, float]:
-    k, start = int(np.argmax(np.abs(errors))), 0
-    for log in problem.logs:
-        if name in log.outputs:
-            count = int(log.fitted.sum())
-            if k < start + count:
-                return log.name, float(log.stamps[log.fitted][k - start])
-            start += count
-    raise AssertionError("every error belongs to a log")
+    logs = [log for log in problem.logs if name in log.outputs]
+    stamps = [(log.name, stamp) for log in logs for stamp in log.stamps[log.fitted].tolist()]
+    return stamps[int(np.argmax(np.abs(errors)))]
 
 
 def _motion(taken: FittedModel, name: str) -> float:

@@ -132,19 +132,17 @@ def command_locked(
         slopes: of the errors over the parameters, shape (m, p).
     """
     column, _, _ = problem.moving_input
-    records, start = [], 0
+    records = []
     for number, run in enumerate(problem.runs):
         log, seen = run.log, run.log.fitted
-        count = int(seen.sum())
-        if not count:
+        if not seen.any():
             continue
         position = run.simulate(values)[:, 0]
         command = run.inputs[-len(log.times) :, column]
         functions = functions_of(log.times, command, position)
         at_fitted = {name: function[seen] for name, function in functions.items()}
         for name in log.outputs:
-            rows = slice(start, start + count)
-            start += count
+            rows = problem.records[number, name]
             records.append(Record(number, name, errors[rows], at_fitted, slopes[rows]))
     return locked_test(records)
 

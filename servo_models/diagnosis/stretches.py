@@ -111,7 +111,7 @@ def _fitted(
 ) -> Iterator[FittedModel]:
     """The model fitted to each part, up to one that it does not explain."""
     for log, _ in parts:
-        alone = replace(fitter, logs=(log,)).anew(model)
+        alone = replace(fitter, logs=(log,)).fit_from(model)
         if lacks(alone, alone) or alone.evidence.rms > fitter.settings.enough_floors:
             return
         yield alone

@@ -682,13 +682,12 @@ def covariance(problem: Problem, jacobian: Array, residuals: Array, more: float 
     """
     half = factors(jacobian).half
     inverse = half @ half.T
-    count, start = problem.samples, 0
+    count = problem.samples
     prior = jacobian[count:]
     middle = prior.T @ prior
-    for kept in [int(log.fitted.sum()) for log in problem.logs for _ in log.outputs]:
-        part, start = slice(start, start + kept), start + kept
-        if kept:
-            middle = middle + more * scatter(jacobian[part], autocovariance(residuals[part]))
+    for rows in problem.records.values():
+        if len(residuals[rows]):
+            middle = middle + more * scatter(jacobian[rows], autocovariance(residuals[rows]))
     freedom = count / max(count - jacobian.shape[1], 1)
     return np.asarray(freedom * inverse @ middle @ inverse)
 

@@ -320,6 +320,17 @@ class Problem:
         return self.errors_with(self.values(vector))
 
     @cached_property
+    def records(self) -> dict[tuple[int, str], slice]:
+        """Rows of weighted errors of each output of each log, by its number and its name."""
+        counts = {
+            (k, name): int(log.fitted.sum())
+            for k, log in enumerate(self.logs)
+            for name in log.outputs
+        }
+        ends = np.cumsum([*counts.values()]).tolist()
+        return {key: slice(end - counts[key], end) for key, end in zip(counts, ends)}
+
+    @cached_property
     def samples(self) -> int:
         """Number of weighted errors that a fit may see."""
         return sum(int(log.fitted.sum()) * len(log.outputs) for log in self.logs)

@@ -70,7 +70,7 @@ def test_what_a_fit_has_left_does_not_change_when_it_is_fitted_on() -> None:
         ("coulomb_friction",), level, {f.name: f.start for f in (*fitter.nominal, *level)}
     )
     left = rough.cost
-    further = fitter.again(rough)
+    further = fitter.refit(rough)
     assert further.cost < 0.5 * left
     assert rough.cost == left
     whole = further.problem.residuals(further.evidence.vector)

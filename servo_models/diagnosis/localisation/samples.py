@@ -90,7 +90,6 @@ def collect(selection: Selection) -> Samples:
     stretches: list[Stretch] = []
     columns: list[tuple[Array, ...]] = []
     gaps: list[Array] = []
-    start = 0
     for k, run in enumerate(problem.runs):
         log = run.log
         if not log.fitted.any():
@@ -98,8 +97,8 @@ def collect(selection: Selection) -> Samples:
         moves, between, circumstances = _motion(run, values, column, high - low)
         gaps.append(between)
         for name, signal in log.outputs.items():
-            rows = np.arange(start, start + int(log.fitted.sum()))
-            start += len(rows)
+            record = problem.records[k, name]
+            rows = np.arange(record.start, record.stop)
             measured, seen = signal / problem.sigma[name], log.fitted
             stretches.append(Stretch(k, names.index(name), rows, log.times[seen], measured[seen]))
             signals = (log.times, _amplitude(measured, moves), *circumstances)

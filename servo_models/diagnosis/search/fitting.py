@@ -396,7 +396,7 @@ class Fitter:
             if far < LEAST_ROW_SHARE * model.left.structured:
                 continue
             unsure = replace(self, between_rows=True).with_unsure_inputs(model).surveyed()
-            again = unsure.anew(model)
+            again = unsure.fit_from(model)
             costs = [
                 it.cost + log_determinant(it.problem.logs, self.floors) for it in (model, again)
             ]
@@ -496,11 +496,11 @@ class Fitter:
             (), problem, linear, evidence, converged=True, chance=0.0, settings=self.settings
         )
 
-    def anew(self, model: FittedModel) -> FittedModel:
+    def fit_from(self, model: FittedModel) -> FittedModel:
         """Fit a model that another fitter made to the end, from its values."""
         return self.finish(self.fit(model.effects, model.own, model.values))
 
-    def again(self, model: FittedModel) -> FittedModel:
+    def refit(self, model: FittedModel) -> FittedModel:
         """Fit once more from where a fit has ended."""
         problem, settings = model.problem, self.settings
         begin, limit = model.evidence.vector, settings.fit_steps

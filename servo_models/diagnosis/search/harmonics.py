@@ -203,13 +203,11 @@ def sine_powers(angle: Array, values: Array, counts: Array) -> Array:
 def _over_angle(model: FittedModel, ripple: Candidate) -> Iterator[tuple[Array, Array]]:
     """Angle [rad] and errors [noise floors] of each output of each log, both of shape (n,)."""
     wire = model.problem.model.plant.main(ripple.name).wire_of(ripple.hints.angle)
-    begin = 0
-    for run in model.problem.runs:
+    for k, run in enumerate(model.problem.runs):
         if not run.measured.size:
             continue
-        end = begin + run.measured.size
         angle = run.signal(wire, model.values)[run.log.fitted]
         stride = -(-len(angle) // MOST_SAMPLES)
-        for errors in model.linearised.errors[begin:end].reshape(run.measured.shape):
+        for name in run.log.outputs:
+            errors = model.linearised.errors[model.problem.records[k, name]]
             yield angle[::stride], errors[::stride]
-        begin = end

@@ -79,7 +79,7 @@ def _polished(fitter: Fitter, model: FittedModel, first: FittedModel) -> FittedM
     for _ in range(MOST_REFITS):
         if model.cost > REFIT_COST * first.cost:
             break
-        before, model = model, fitter.again(model)
+        before, model = model, fitter.refit(model)
         if model.cost > SLOW_COST_RATIO * before.cost:
             break
     return model

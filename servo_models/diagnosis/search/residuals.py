@@ -132,16 +132,12 @@ def sure(left: Residuals, settings: Settings = DEFAULT) -> bool:
 def _readings(problem: Problem, evidence: CrossValidation) -> Iterator[tuple[Array, float, float]]:
     """Errors of each output of each log, its reading step, and how loud noise may be, all in noise
     floors."""
-    start = 0
-    for log in problem.logs:
-        count = int(log.fitted.sum())
-        for name in log.outputs:
-            errors = evidence.errors[start : start + count]
-            start += count
-            if count:
-                (step, most), floor = _codes(log, name), problem.sigma[name]
-                # what is louder is in the simulation alone, such as a limit cycle
-                yield errors, step / floor, min(most / floor, LOUDEST_NOISE_IN_FLOORS)
+    for (k, name), rows in problem.records.items():
+        errors = evidence.errors[rows]
+        if len(errors):
+            (step, most), floor = _codes(problem.logs[k], name), problem.sigma[name]
+            # what is louder is in the simulation alone, such as a limit cycle
+            yield errors, step / floor, min(most / floor, LOUDEST_NOISE_IN_FLOORS)
 
 
 @cached(LRUCache(64), key=lambda log, name: (ref(log), name), lock=Lock())
