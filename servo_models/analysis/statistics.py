@@ -21,6 +21,11 @@ none: orders from there on may be unstable."""
 FAINT = 1e-3  # part of its variance below which it has died out
 
 
+def rms(values: Array) -> float:
+    """Return the root mean square of all values."""
+    return float(np.sqrt(np.mean(values**2)))
+
+
 def correlations(one: Array, other: Array, lags: int) -> Array:
     """Return sum(one[t] other[t - k]) / n for k = 0 ... lags, shape (lags + 1,)."""
     n = len(one)

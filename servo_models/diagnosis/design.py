@@ -31,6 +31,7 @@ import numpy as np
 from servo_models.analysis.experiment import display, in_time
 from servo_models.analysis.explain import display_unit, in_display_unit
 from servo_models.analysis.isolability import cause, experiment
+from servo_models.analysis.statistics import rms
 from servo_models.core.plant import Plant, Wire
 from servo_models.core.types import Array, Mask
 from servo_models.data.log import Log
@@ -580,7 +581,7 @@ def _residual_after_refit(rival: FittedModel, problem: Problem, known: Array) ->
     if len(room):
         limits = (low[room], high[room])
         fitted = least_squares(errors, fitted, slopes, limits, max_nfev=15).x  # near enough to rank
-    return float(np.sqrt(np.mean(data(fitted) ** 2)))
+    return rms(data(fitted))
 
 
 # In words

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from servo_models.analysis.statistics import rms
 from servo_models.core.types import Array
 from servo_models.data.sensor import RESIDUAL, difference_noise
 from servo_models.diagnosis.search.crossval import CLEAR, CrossValidation, closed
@@ -104,7 +105,7 @@ def not_followed(model: FittedModel, least: float = 0.0) -> tuple[str, ...]:
     for name, rows in rows_of(problem).items():
         readings = [log.outputs[name][log.fitted] for log in problem.logs if name in log.outputs]
         motion = float(np.std(np.concatenate(readings))) / problem.sigma[name]
-        left = float(np.sqrt(np.mean(model.evidence.unseen[rows] ** 2))) if len(rows) else 0.0
+        left = rms(model.evidence.unseen[rows]) if len(rows) else 0.0
         if left > max(model.settings.followed_share * motion, least):
             names.append(name)
     return tuple(names)

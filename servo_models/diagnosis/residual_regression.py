@@ -25,6 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from servo_models.analysis.statistics import rms
 from servo_models.core.types import Array
 from servo_models.diagnosis.settings import DEFAULT, Settings
 from servo_models.identification.problem import Problem
@@ -152,10 +153,10 @@ def functions_of(times: Array, command: Array, position: Array) -> dict[str, Arr
     rate = np.gradient(position, times)
     rate[np.abs(rate) <= STILL * np.abs(rate).max()] = 0.0
     acceleration = np.gradient(rate, times)
-    scale = _rms(rate) / (_rms(acceleration) or math.inf) / float(np.median(np.diff(times)))
+    scale = rms(rate) / (rms(acceleration) or math.inf) / float(np.median(np.diff(times)))
     scale = min(max(scale, 1.0), LONGEST_TIME_SCALE * len(times))
     q, u = _centred(position), _centred(command)
-    v, a = rate / (_rms(rate) or 1.0), acceleration / (_rms(acceleration) or 1.0)
+    v, a = rate / (rms(rate) or 1.0), acceleration / (rms(acceleration) or 1.0)
     sign = np.sign(v)
     towards, since = _since_reversal(sign)
     step = np.diff(u, prepend=u[0])
@@ -329,7 +330,3 @@ def _safe(divisor: Array) -> Array:
 def _centred(signal: Array) -> Array:
     half = 0.5 * float(np.ptp(signal))
     return np.asarray((signal - signal.min() - half) / (half or 1.0))
-
-
-def _rms(signal: Array) -> float:
-    return float(np.sqrt(np.mean(signal**2)))

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from servo_models.analysis.statistics import rms
 from servo_models.core.types import Array
 from servo_models.diagnosis.gap import DRAWS, not_followed
 from servo_models.diagnosis.residual_regression import (
@@ -137,7 +138,7 @@ def decide(selection: Selection, tolerance: float = TOLERANCE) -> Verdict:
     taken, settings = selection.taken, selection.taken.settings
     if selection.before.rms <= tolerance:
         return Verdict(NO_GAP, {}, (), ())
-    gap = float(np.sqrt(np.mean(selection.retuned.evidence.errors**2)))
+    gap = rms(selection.retuned.evidence.errors)
     limit_cycle = unrepeatable(taken)
     left = taken.left.without(limit_cycle)
     locked = _locked(taken)

@@ -35,7 +35,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from servo_models.analysis.statistics import autocovariance, inflation, scatter
+from servo_models.analysis.statistics import autocovariance, inflation, rms, scatter
 from servo_models.core.types import Array, Mask
 from servo_models.errors import UserError
 from servo_models.identification.problem import Problem
@@ -179,7 +179,7 @@ def _agreed(
 ) -> tuple[Array, Array]:
     """Slopes of single parameters without their random part, and combinations that are unseen."""
     errors = problem.latest(vector)[: problem.samples]
-    scale = float(np.sqrt(np.mean(errors**2))) or 1.0
+    scale = rms(errors) or 1.0
     known, smooth = axes, np.flatnonzero(axes.widths <= NARROW)
     for width in NARROWER:
         seen = 2.0 * known.jitter.mean(axis=0).max() <= scale**2

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import numpy as np
 
+from servo_models.analysis.statistics import rms
 from servo_models.core.simulate import Model
 from servo_models.core.types import Array, Mask
 from servo_models.data.log import Log
@@ -152,7 +153,7 @@ def _row(
 
 def _rms(error: Array) -> float:
     with np.errstate(over="ignore"):  # an infinite one is refused with its log and output
-        return float(np.sqrt(np.mean(error**2)))
+        return rms(error)
 
 
 def conclude(

@@ -25,6 +25,7 @@ import numpy as np
 from cachetools import LRUCache, cached
 from numpy.typing import NDArray
 
+from servo_models.analysis.statistics import rms
 from servo_models.core.bounds import inside
 from servo_models.core.flat import noticed
 from servo_models.core.plant import Plant
@@ -404,7 +405,7 @@ def _at_first(run: Run, values: Mapping[str, float]) -> Iterator[tuple[str, floa
             continue  # a drive or a current may jump at the first command
         reach = float(np.ptp(log.outputs[name]))
         errors = (simulated - log.outputs[name]) / (reach or 1.0)
-        yield name, _rms(errors[:FIRST_SAMPLES]), _rms(errors[len(errors) // 2 :])
+        yield name, rms(errors[:FIRST_SAMPLES]), rms(errors[len(errors) // 2 :])
 
 
 def _state(log: Log) -> str:
@@ -414,10 +415,6 @@ def _state(log: Log) -> str:
     if log.settle:
         return f"for which its first row is held for {log.settle:.3g} s before"
     return "which begins at rest"
-
-
-def _rms(errors: Array) -> float:
-    return float(np.sqrt(np.mean(errors**2)))
 
 
 # The internal step of a search

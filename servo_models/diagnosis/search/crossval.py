@@ -18,7 +18,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from servo_models.analysis.statistics import inflation
+from servo_models.analysis.statistics import inflation, rms
 from servo_models.core.types import Array
 from servo_models.identification.linear_inference import Linearisation
 from servo_models.identification.problem import Problem
@@ -59,7 +59,7 @@ class CrossValidation:
     @property
     def rms(self) -> float:
         """Held-out error in noise floors."""
-        return float(np.sqrt(np.mean(self.unseen**2)))
+        return rms(self.unseen)
 
 
 def blocks(problem: Problem) -> NDArray[np.int64]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from servo_models.analysis.statistics import rms
 from servo_models.core.types import Array
 from servo_models.diagnosis.search.fitting import FittedModel, discontinuous_of
 from servo_models.diagnosis.search.residuals import unmodelled
@@ -31,7 +32,7 @@ def unrepeatable(fitted: FittedModel) -> float:
 def lacks(fitted: FittedModel, retuned: FittedModel) -> bool:
     """Return whether a fitted model lacks something that matters beside ``retuned``, see
     ``unmodelled``; that it hunts says nothing against it."""
-    gap = float(np.sqrt(np.mean(retuned.evidence.errors**2)))
+    gap = rms(retuned.evidence.errors)
     left = fitted.left.without(unrepeatable(fitted))
     return unmodelled(left, gap, len(fitted.effects), fitted.settings)
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from servo_models.analysis.statistics import dependence, inflation, whiteness
+from servo_models.analysis.statistics import dependence, inflation, rms, whiteness
 from servo_models.core.plant import GreyBox, Wire, unknown
 from servo_models.core.simulate import Model
 from servo_models.core.types import Array, Complex
@@ -107,7 +107,7 @@ class Candidate:
     @property
     def rms(self) -> dict[str, float]:
         """Root mean square of the fitted errors by measurements."""
-        return {name: _rms(e) for name, e in self.errors.items() if len(e)}
+        return {name: rms(e) for name, e in self.errors.items() if len(e)}
 
 
 def _described(pairs: Sequence[tuple[Array, Array]]) -> float | None:
@@ -115,10 +115,6 @@ def _described(pairs: Sequence[tuple[Array, Array]]) -> float | None:
     missed = sum(float(np.sum(errors**2)) for _, errors in pairs)
     moved = sum(float(np.sum((y - np.mean(y)) ** 2)) for y, _ in pairs if len(y))
     return 1.0 - float(np.sqrt(missed / moved)) if moved > 0.0 else None
-
-
-def _rms(errors: Array) -> float:
-    return float(np.sqrt(np.mean(errors**2)))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -300,7 +296,7 @@ def choose(
             " units of the record, or record longer"
         )
     best = likely = min(sound, key=lambda c: c.bic)
-    hidden = {name: _rms(e) for name, e in likely.held_out_errors.items() if len(e)}
+    hidden = {name: rms(e) for name, e in likely.held_out_errors.items() if len(e)}
     noise, losses = hidden | likely.rms, dict[str, Array]()
     if hidden:
         for c in sound:
@@ -355,7 +351,7 @@ def _rated(candidates: Sequence[Candidate], measurements: Measurements) -> list[
 
 def _missed(c: Candidate) -> str:
     every = np.concatenate(list(c.held_out_errors.values()))
-    return f"{100.0 * (_rms(every) if c.held_out is None else 1.0 - c.held_out):.3g} %"
+    return f"{100.0 * (rms(every) if c.held_out is None else 1.0 - c.held_out):.3g} %"
 
 
 def warnings(
