@@ -49,7 +49,6 @@ POWERS = {
     3.0: "grows with the cube of",
 }
 PROPORTION, *BENT = POWERS
-POWER_TERMS = 4  # terms of a higher power: two sides, a line and a constant
 WORDS = {
     "rate": "the rate",
     "position": "the position",
@@ -145,7 +144,8 @@ def form(curve: Curve) -> str:
     if x.min() < -BOTH_SIDES * scale and x.max() > BOTH_SIDES * scale:
         powers = {power: _power(power, x / scale, y, weights) for power in POWERS}
         best = min(BENT, key=lambda it: powers[it].left)
-        sure = _surely_less(powers[best].left, powers[PROPORTION].left, len(x) - POWER_TERMS)
+        freedom = len(x) - 4  # less two sides, a line and a constant
+        sure = _surely_less(powers[best].left, powers[PROPORTION].left, freedom)
         for power in (best, PROPORTION) if sure else (PROPORTION, best):
             fit = powers[power]
             if fit.left <= 1.0 - SIMPLE:

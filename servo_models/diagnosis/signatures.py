@@ -31,8 +31,6 @@ ROUNDING_IN_STEPS = 1e-6  # part of a step that is rounding, where a reading mov
 LEAST_ROWS_AT_REST = 5  # rows of rest before a step of a command, and after
 LEAST_STEPS = 4  # steps of a command from which a clock is told from chance
 MOVES_IN_A_PERIOD = 12  # moves of a command per period, to find when it is answered
-PERIODS_SOONER = 0.5  # largest move ahead
-PERIODS_LATER = 1.5  # largest move back
 RANDOM_ORDERS = 1999  # random orders that answers are compared with
 HEIGHT_ROUNDING = 1e-9  # difference of equal heights by rounding
 LEAST_ROWS_IN_A_PERIOD = 2.0  # rows below which a log is too coarse to tell when a step is answered
@@ -256,12 +254,10 @@ def _steps(log: Log, wire: str) -> list[tuple[int, int]]:
 
 
 def _moves(period: float, interval: float) -> NDArray[np.int_]:
-    """By how many rows commands are moved."""
+    """By how many rows commands are moved, half a period sooner to one and a half later."""
     rows = period / interval
     apart = max(int(rows / MOVES_IN_A_PERIOD), 1)
-    return np.arange(
-        -int(np.ceil(PERIODS_SOONER * rows)), int(np.ceil(PERIODS_LATER * rows)) + apart, apart
-    )
+    return np.arange(-math.ceil(0.5 * rows), math.ceil(1.5 * rows) + apart, apart)
 
 
 def _moved(log: Log, wire: str, rows: int) -> Log:

@@ -53,7 +53,6 @@ MOST_PRIOR = 3.0  # standard deviation over a positive value: more says less tha
 MOST_INTERVAL = 2.0  # sampling interval over the response time: longer ones show only the end
 LEAST_DURATION = 0.1  # duration of a log over the response time
 ANSWERED = 0.05  # distance from the end of a step response over the whole, at which it is answered
-GRID = 1001  # points of a step response; its time is needed to a percent
 
 
 @dataclass(frozen=True)
@@ -551,7 +550,7 @@ def _mean(misfits: Mapping[str, float]) -> float:
 def answer_time(model: Model) -> float:
     """Time [s] in which the first output answers the standard step; that of its run at most."""
     name, size = model.actuator.step
-    times = np.linspace(0.0, model.stop_time, GRID)
+    times = np.linspace(0.0, model.stop_time, 1001)  # a time is needed to a percent
     try:
         response = simulate(model, times, {name: size})[model.plant.outputs[0]]
     except UserError:

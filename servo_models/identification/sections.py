@@ -62,9 +62,6 @@ if TYPE_CHECKING:
 IN_CARD = 8  # parameters that the answer names; all are in the table
 AT_FLOOR = 1.5  # error over the noise floor up to which a diagnosis could name nothing
 LEAST_BLUR = 0.1  # movement [noise floors] by the resolution of a column, from which it is listed
-BINS = 41
-NUMBERS = 5  # numbers on an axis of long ones
-FINE = 300  # points of a line of a Bode plot
 OWN_CLOCK = 1.5  # steps from which a command is held for longer than a sample
 EVEN = 1e-4  # share of a step up to which its jitter is rounding
 PARAMETERS, ERRORS = "Parameters", "Errors"
@@ -363,7 +360,7 @@ def _residual(reading: Reading) -> Picture:
         time.set(xlabel="time [s]", xlim=(log.stamps[0], log.stamps[-1]))
         time.set_ylabel(label, parse_math=False)
         draw_whiteness((lag, before), [reading])
-        size.hist(error, BINS, density=True, color=colour("blue"), alpha=0.45, lw=0)
+        size.hist(error, 41, density=True, color=colour("blue"), alpha=0.45, lw=0)
         if deviation > 0.0:
             across = np.linspace(error.min(), error.max(), 101)
             height = np.exp(-0.5 * ((across - mean) / deviation) ** 2)
@@ -371,7 +368,7 @@ def _residual(reading: Reading) -> Picture:
             size.plot(across, height, color=colour("ink"), lw=1.0, ls=DASHED)
         size.set_xlabel(label.replace("\n", " "), parse_math=False)
         size.set(ylabel="frequency", yticks=[])
-        size.locator_params(axis="x", nbins=NUMBERS)
+        size.locator_params(axis="x", nbins=5)
 
     return Picture(
         reading.title,
@@ -490,7 +487,7 @@ def _line(
     low, high = 1.0 / max(record.times[-1] for record in pair.records), nyquist
     if measured:
         low, high = 0.5 * measured.hertz[0], min(2.0 * measured.hertz[-1], nyquist)
-    hertz = np.geomspace(low, high, FINE)
+    hertz = np.geomspace(low, high, 300)
     response = linear.response(hertz, pair.input.name, pair.output.name)
     if not np.all(response):
         return None

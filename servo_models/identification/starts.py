@@ -41,7 +41,6 @@ NOTHING = 1e-6  # part of full scale up to which a start is told as 0
 WORSE_SQUARES = 4.0  # squared errors from the stated start over the seen one, at which it is wrong
 OTHER_ANGLE = 0.05  # least distance of another start over the way of the shaft in the first part
 OTHER_RATE = 0.3  # least difference over its fastest rate: readings that begin to move seem fast
-CURE = "state it by 'start' if that is wrong"
 
 
 def with_starts(model: Model, logs: Sequence[Log]) -> tuple[Log, ...]:
@@ -297,7 +296,7 @@ def _sentence(model: Model, log: Log, shown: Log) -> str:
 
 def _words(model: Model, log: Log, asked: bool) -> str:
     """How a log was found to begin; that it may be wrong, unless it was ``asked`` for."""
-    wires, cure = model.plant.wire, "" if asked else f"; {CURE}"
+    wires, cure = model.plant.wire, "" if asked else "; state it by 'start' if that is wrong"
     if log.start is None:
         return f"its first samples show that it {_plainly(log)}{cure}"
     if log.start.before:
