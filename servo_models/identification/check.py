@@ -27,7 +27,7 @@ from servo_models.identification.starts import false_statements, with_starts
 from servo_models.report.result import Result
 
 WELL = 0.1  # expected standard error over a prior, or value, up to which logs determine it well
-ROUGHLY = 0.8  # that ratio up to which they determine it at all
+ROUGHLY = 0.8  # expected standard error up to which they determine it at all
 NOTHING = 1e-6  # movement [noise floors] that is rounding of the simulation
 
 
