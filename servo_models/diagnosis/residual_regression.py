@@ -231,6 +231,7 @@ class _Regression:
         functions = _scaled(np.vstack([np.column_stack([*r.functions.values()]) for r in records]))
         slopes = np.vstack([record.slopes for record in records])
         known = _span(_scaled(np.column_stack([np.ones(len(errors)), slopes])))
+        # that of the errors as they are: what a regression leaves of them looks too white
         self.filter = _autoregression([record.errors for record in records])
         self.errors = self._white(errors)[:, 0]
         self.power = float(np.mean(self.errors**2)) or 1.0

@@ -312,7 +312,7 @@ class Problem:
         return np.array([[self.sigma[name]] for name in run.log.outputs])
 
     def _refused(self, run: Run) -> Array:
-        """Weighted errors of a run that leaves the finite numbers."""
+        """Weighted errors of a run that leaves the finite numbers, more than no motion leaves."""
         reach = np.ptp(run.measured, axis=1, keepdims=True) / self._weights(run)
         return np.repeat(REFUSED * np.maximum(reach, 1.0), run.measured.shape[1])
 

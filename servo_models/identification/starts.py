@@ -129,7 +129,7 @@ def _turns_on(run: Run) -> bool:
     _, middle, end = out[:, plant.outputs.index(shaft.angle)]
     steady = 0.5 * hold * out[-1, plant.outputs.index(shaft.rate)]
     moves = abs(steady) > STILL * plant.wire[shaft.angle].scale
-    least, most = TURNS_ON
+    least, most = TURNS_ON  # one that slows down has more, one that swings about a place less
     return bool(moves and least < (end - middle) / steady < most)
 
 

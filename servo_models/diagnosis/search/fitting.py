@@ -124,8 +124,13 @@ def past_an_edge(
         begin[delays] += move / problem.scales[delays]
         begin = np.clip(begin, *problem.bounds)
         tried.append(others_first(problem, begin, delays, widths, tolerance, limit))
-    before, *after = problem.costs([vector, *tried])
-    return tried[int(np.argmin(after))] if min(after) < MOVED_COST_OVER_COST * before else None
+    return _surely_better(problem, vector, tried)
+
+
+def _surely_better(problem: Problem, vector: Array, trials: Sequence[Array]) -> Array | None:
+    """The best of some trials, None where none is surely better than a vector."""
+    before, *after = problem.costs([vector, *trials])
+    return trials[int(np.argmin(after))] if min(after) < MOVED_COST_OVER_COST * before else None
 
 
 def sharpened(
@@ -172,10 +177,7 @@ def shifted(problem: Problem, vector: Array) -> Array | None:
             trial = vector.copy()
             trial[i] += move / problem.free[i].scale
             trials.append(np.clip(trial, *problem.bounds))
-    if not trials:
-        return None
-    before, costs = problem.costs([vector])[0], problem.costs(trials)
-    return trials[int(np.argmin(costs))] if min(costs) < MOVED_COST_OVER_COST * before else None
+    return _surely_better(problem, vector, trials) if trials else None
 
 
 def delays_of(problem: Problem) -> list[int]:
@@ -567,10 +569,8 @@ class Fitter:
         if stepwise:
             assert widths is not None  # a discontinuous parameter has no small slopes
             vector = others_first(problem, vector, stepwise, widths, tolerance, limit)
-            vector, known = (
-                sharpened(problem, vector, stepwise, widths, WIDE_RELATIVE_CHANGES),
-                None,
-            )
+            vector = sharpened(problem, vector, stepwise, widths, WIDE_RELATIVE_CHANGES)
+            known = None
         vector, met, slopes = descend(problem, vector, tolerance, limit, widths, known, enough)
         for _ in range(MOST_MOVES):
             moved = shifted(problem, vector)

@@ -129,6 +129,7 @@ def _over_all(
     chosen = likely if full.late else _thinned(likely)
     grid = [*full.trial_values, *chosen]  # those between are screened later
     results = part.screen(full.name, grid)
+    # a narrow minimum may lie beside what resembles it
     if not full.late and results and results[0].left < NEIGHBOURS_LEFT_SHARE * part.linearised.left:
         nearer = [it for it in _about(results[0].settings, every) if it not in grid]
         grid += nearer
