@@ -145,7 +145,7 @@ def next_experiments(
     Args:
         rivals: fitted models that a diagnosis leaves, the likeliest first.
         weights: their probabilities.
-        seed: of random commands.
+        seed: seed of random commands.
     """
     if len(rivals) < 2:
         return ()
@@ -175,8 +175,8 @@ def repeats_wanted(
     Args:
         left: what the errors of the fitted model taken consist of.
         origins: where the noise floor of each output is from.
-        logs: of the diagnosis.
-        settings: of the diagnosis.
+        logs: logs of the diagnosis.
+        settings: settings of the diagnosis.
     """
     large = left.structured > settings.structured_over_noise * left.noise
     if not large or sure(left, settings) or REPEATS in origins:
@@ -200,7 +200,7 @@ class Command:
         family: name in ``FAMILIES``.
         middle, size: [SI of the input]; it stays within middle +- size.
         pace: [s], what it means is up to the family.
-        seed: of what is random in it.
+        seed: seed of what is random in it.
     """
 
     family: str
@@ -309,7 +309,7 @@ def confusion(weights: Array, squares: Array, power: float) -> float:
     ``c_ik = exp(-squares_ik / (4 power))``, also where that is at its bound to all digits.
 
     Args:
-        weights: of the Gaussians, shape (n,), their sum 1.
+        weights: weights of the Gaussians, shape (n,), their sum 1.
         squares: squared distance of any two means, shape (n, n); where those of a pair are not the
             same, what they have in common is the mean of both.
         power: variance in every direction.
@@ -326,13 +326,13 @@ class ExperimentDesigner:
 
     Attributes:
         rivals: fitted models that are left, and their ``weights``, shape (n,).
-        power: of the noise [noise floors squared] as the weights count it, so many samples as one
+        power: noise [noise floors squared] as the weights count it, so many samples as one
             independent one is worth.
         wire: the input that is played.
         low, high: its limits [SI], those of the logs or of the actuator's standard step.
         fastest: pace that the sampling can follow [s].
-        unit: of its paces and its length [s].
-        times: of an experiment [s], shape (n,).
+        unit: time scale of its paces and its length [s].
+        times: sample times of an experiment [s], shape (n,).
         farthest: outputs [noise floors] from which a model runs away.
     """
 

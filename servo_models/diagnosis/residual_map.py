@@ -72,11 +72,11 @@ class Curve:
 
     Attributes:
         regressor: what it is of: a key of ``effects.residual_map.CURVES``.
-        wire: of the regressor.
+        wire: wire of the regressor.
         knots: its values at the knots [SI], shape (n,).
-        values: of the curve [SI of the wire that the map acts on], shape (n,).
+        values: values of the curve [SI of the wire that the map acts on], shape (n,).
         errors: their standard errors, shape (n,).
-        samples: of the logs that are nearest to each knot, shape (n,); 0 where a log tells nothing.
+        samples: samples nearest to each knot, shape (n,); 0 where no log tells anything.
     """
 
     regressor: str
@@ -96,9 +96,9 @@ class ResidualMap:
     """What was learnt.
 
     Attributes:
-        name: of the effect that it is.
+        name: name of the effect that it is.
         size: key of the size that says where it acts, one of ``SIZES``.
-        wire: on which it acts.
+        wire: wire on which it acts.
         curves: in the order in which they were taken in.
         fitted: the model with the map and the effects beside it, all fitted together.
         before, after: RMS [noise floors] of errors on unseen blocks as diagnosed and with it.
@@ -215,8 +215,8 @@ def learn(taken: FittedModel, retuned: FittedModel | None = None) -> ResidualMap
     of which explains all may stand for a part of what is missing.
 
     Args:
-        taken: with the effects that were taken, if any.
-        retuned: with parameters alone.
+        taken: model with the effects that were taken, if any.
+        retuned: model with parameters alone.
 
     Returns:
         None where no map holds on unseen blocks, one is on, or the plant has no place for it.
@@ -329,8 +329,8 @@ class _Penalised(Problem):
     """A problem with a penalty among its squared errors.
 
     Attributes:
-        names: of the parameters that it is on.
-        rows: which weigh their values [SI], shape (k, len(names)).
+        names: parameters with a penalty.
+        rows: weights of their values [SI], shape (k, len(names)).
     """
 
     names: tuple[str, ...] = ()
@@ -347,7 +347,7 @@ class _Choice:
 
     Attributes:
         losses: squared errors of each block, unseen, shape (blocks,).
-        step: of the parameters and of the knots of these curves, in probes, that slopes promise.
+        step: linear step of the parameters, and of the knots of these curves in probes.
     """
 
     wire: _OnWire

@@ -67,7 +67,7 @@ class LockedTest:
         p_value: probability that noise of this colour is explained as well; of few samples it comes
             out too small, noise passes 0.02 in about 1 of 20, so it never decides alone.
         explained: RMS [noise floors] that is explained, less what is by chance.
-        share_explained: of the power of the whitened errors, less what is by chance.
+        share_explained: share of the power of the whitened errors, less what is by chance.
         strongest: function that explains most of them alone; "" where nothing was tested.
         settings: those of the diagnosis.
     """
@@ -111,7 +111,7 @@ class Record:
         log: its number; outputs of one log are shifted together.
         output: name of the output; all its records share the coefficients of a regression.
         errors: in noise floors, shape (n,).
-        functions: of what the actuator does, by name, each of shape (n,).
+        functions: functions of what the actuator does, by name, each of shape (n,).
         slopes: of the errors over the fitted parameters, shape (n, p).
     """
 
@@ -129,7 +129,7 @@ def command_locked(
 
     Args:
         problem, values: of the fit; its free parameters [SI] by name.
-        errors: that it leaves [noise floors], shape (m,).
+        errors: weighted errors of the fit [noise floors], shape (m,).
         slopes: of the errors over the parameters, shape (m, p).
     """
     column, _, _ = problem.moving_input

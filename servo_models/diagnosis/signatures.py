@@ -43,8 +43,8 @@ class Codes:
     Attributes:
         effect: the quantiser, and the wire ``reading`` that it quantises.
         step: [SI].
-        phases: of the readings on the step [steps], -0.5 to 0.5 about the codes, shape (n,).
-        stays: of each reading, shape (n,): from 0, the next one where it has moved by a step.
+        phases: phases of the readings [steps], -0.5 to 0.5 about the codes, shape (n,).
+        stays: stay of each reading, shape (n,): from 0, the next one after a move by a step.
     """
 
     effect: str

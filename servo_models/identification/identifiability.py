@@ -45,9 +45,9 @@ class Detectability:
             1 for an effect.
         output: the output that it moves most.
         moves: RMS of that movement in noise floors.
-        remains: the same after the free parameters have explained what they can.
+        remains: that movement after the free parameters have explained what they can.
         alone: expected standard error, in scales, if nothing else were free, without prior.
-        together: the same with all free parameters free, and with the priors.
+        together: that error with all free parameters free, and with the priors.
     """
 
     name: str
@@ -229,7 +229,7 @@ class Cause:
         scale: size of the change [SI], 1 for an effect.
         owner: place of the effect that it belongs to, "" for a parameter of the plant.
         effect: whether it is the effect as a whole.
-        difference: of all outputs of all logs, shape (m,); None where a run leaves the
+        difference: change of all outputs of all logs, shape (m,); None where a run leaves the
             finite numbers.
     """
 

@@ -67,7 +67,7 @@ class Information:
     """What logs tell of the free parameters of a problem, at a vector.
 
     Attributes:
-        slopes: on which widths agree, of all weighted errors and then of the priors, per scale,
+        slopes: slopes of all weighted errors and then of the priors, as widths agree, per scale,
             shape (m + priors, p); a column is 0 where nothing depends on the parameter.
         unseen: combinations of which the data show nothing, each a relative change of its members
             with a largest part of 1 (of a value near 0, in scales), shape (p, k).
@@ -123,11 +123,11 @@ class _Probes:
 
     Attributes:
         along: combinations, relative to values, shape (p, k), each with a largest part of 1.
-        slopes: on average over widths, shape (m, k).
+        slopes: mean slopes over widths, shape (m, k).
         noise: energy of their random part, shape (k,).
         widths: largest half width of each, shape (k,).
         jitter: variance of each error by roughness, shape (m, k).
-        refused: which could not be moved, shape (k,).
+        refused: whether each could not be moved, shape (k,).
     """
 
     along: Array
@@ -422,7 +422,7 @@ class Spread:
     """Uncertainty at the best point, in SI.
 
     Attributes:
-        standard_errors: of each free parameter, NaN on a bound.
+        standard_errors: one for each free parameter, NaN on a bound.
         correlations: of the estimates in white noise, shape (p, p), NaN where one is on a
             bound.
         condition: of the slopes with unit columns, over parameters off their bounds and without

@@ -73,7 +73,7 @@ class Optimum:
         cost: half the sum of its squared residuals.
         converged: the last local search met its tolerance.
         interrupted: the user stopped it.
-        costs: of every start, sorted.
+        costs: costs of every start, sorted.
         widths: steps of slopes where the response is rough, shape (p,), see ``steps``.
     """
 
@@ -222,7 +222,7 @@ def descend(
         problem: its ``residuals`` are made small.
         start: shape (p,); a value outside its bounds is moved onto them.
         tolerance: relative decrease of the cost that ends the search.
-        limit: of steps in a round.
+        limit: most steps in a round.
         widths: over which slopes are taken [scales], shape (p,); None for small ones.
         known: slopes near the start, shape (m, k), of the first k parameters.
         enough: squared errors; the search ends where it cannot leave so little.

@@ -33,11 +33,11 @@ class Candidate:
     """An effect at its place, off in the model.
 
     Attributes:
-        name: of the place, such as ``"drive_dead_zone"``.
+        name: name of the place, such as ``"drive_dead_zone"``.
         hints: what its file says of it.
         free: its parameters, and ``switches`` those of them that switch it on.
         trial_values: settings [SI] to try first; none where logs show that it is not there.
-        grid: of a discontinuous parameter that nothing but a search finds, many more of them.
+        grid: many more trial values of a discontinuous parameter, which only a search finds.
         fastest: least product of compliance and inertia [s2]: of a faster resonance the logs
             have too few samples in a period, and it is slow to simulate.
         alone: what each of the trial values changes from where nominal parameters go, empty before

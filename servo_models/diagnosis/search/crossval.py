@@ -37,7 +37,7 @@ class CrossValidation:
     Attributes:
         vector: the fit, in scales.
         unseen: errors of each block by the fit without it, shape (m,).
-        errors: of the fit to everything, shape (m,).
+        errors: errors of the fit to everything, shape (m,).
         parts: block of each error, shape (m,).
     """
 
@@ -87,7 +87,7 @@ def cross_validate(
     Args:
         problem: with the fit's free parameters and weights.
         linear: errors and slopes at the fit.
-        parts: from ``blocks``.
+        parts: block of each error, see ``blocks``.
         held: parameters that stay, since the response jumps with them, or a bound holds
             them.
     """

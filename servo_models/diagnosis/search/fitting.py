@@ -217,13 +217,13 @@ class FittedModel:
 
     Attributes:
         effects: their names, none for nominal parameters alone.
-        problem: with all free parameters.
+        problem: problem with all free parameters.
         linearised: errors and slopes at the fit.
-        evidence: how it predicts.
+        evidence: cross-validation of the fit.
         converged: whether the search met its tolerance.
         chance: logarithm of how many trials its effects are the best of, and of how strange
             their sizes and the nominal parameters are.
-        widths: over which slopes of it mean something, see ``optimise.steps``.
+        widths: widths over which its slopes are taken, see ``optimise.steps``.
         searched: ``problem`` with the internal steps of the search, where it was told anew.
         settings: those of the diagnosis.
     """
@@ -333,10 +333,10 @@ class Fitter:
     Attributes:
         model, logs: of the diagnosis.
         nominal: parameters with a prior, free in every fit.
-        wide: the same with wider priors.
+        wide: these parameters with wider priors.
         floors: noise floor [SI] of each output, its weight.
-        workers: on which simulations go on together.
-        rough: over which slopes of the nominal parameters mean something, in scales, by name;
+        workers: processes that simulate.
+        rough: widths of slopes of the nominal parameters in scales, by name;
             none where small differences will do.
         smooth: switches of quantisers and holds that the model has on, turned off: where these make
             the response rough, a fit of this smooth twin is one more start.

@@ -44,10 +44,10 @@ def with_sines(
     """Return the best fit with so many sines of an effect, None where errors show no count.
 
     Args:
-        fitter: which made the model.
+        fitter: maker of the model.
         model: fitted, with the effect on and fewer sines.
         one: the effect, as it is sought.
-        number: of sines, 2 at least.
+        number: number of sines, 2 at least.
     """
     effects, kept = model.without(ripple.name)
     nominal = {free.name: free.nominal for free in fitter.nominal}
@@ -189,7 +189,7 @@ def sine_powers(angle: Array, values: Array, counts: Array) -> Array:
     """Return half of what the best sine of each count takes off the sum of squares, shape (m,).
 
     Args:
-        angle: of each value [rad], shape (n,).
+        angle: angle of each value [rad], shape (n,).
         values: without their mean, shape (n,).
         counts: periods in a turn, shape (m,).
     """

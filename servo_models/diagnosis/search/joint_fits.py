@@ -90,8 +90,8 @@ class Start:
     """Where a fit may begin.
 
     Attributes:
-        result: of screening the effect.
-        free: its parameters, with their starts.
+        result: result of screening the effect.
+        free: parameters of the effect, with their starts.
         values: estimates [SI] of the other parameters.
         cost: squared errors that are left there, priors included.
     """

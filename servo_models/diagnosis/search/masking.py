@@ -52,7 +52,7 @@ def masked_effects(
     Args:
         fitter: without any effect.
         retuned: nominal parameters alone.
-        results: of screening every effect.
+        results: results of screening every effect.
         least: RMS [noise floors] by which an effect has to move the outputs.
     """
     alike: dict[tuple[object, ...], list[Screened]] = {}

@@ -56,8 +56,8 @@ class Residuals:
     """What errors consist of, RMS in noise floors of the audit.
 
     Attributes:
-        structured: part that is no noise.
-        least: which it exceeds with 95 % confidence.
+        structured: systematic part, which is no noise.
+        least: lower bound of that part with 95 % confidence.
         noise: the rest, at least the floor.
         total: both.
     """
@@ -112,9 +112,9 @@ def unmodelled(left: Residuals, gap: float, effects: int = 1, settings: Settings
     two effects wrong.
 
     Args:
-        left: by the fitted model.
+        left: residuals of the fitted model.
         gap: RMS error [noise floors] after re-tuning alone, of a fit to everything.
-        effects: in the fitted model.
+        effects: number of effects in the fitted model.
         settings: those of the diagnosis.
     """
     if effects >= settings.many_effects:

@@ -42,14 +42,14 @@ class Screened:
     """An effect at one size.
 
     Attributes:
-        linearised: from where.
+        linearised: fit beside which it was screened.
         candidate: the effect.
         settings: its parameters [SI].
-        share: of the change, by which it explains most; 1 where it cannot be shared.
-        change: that it makes, in noise floors, shape (m + priors,).
-        difference: the same without what nominal parameters can imitate.
-        left: squared errors that would remain.
-        waves: of a ripple, its changes by a sine and by a cosine, shape (m + priors, 2).
+        share: factor on the change by which it explains most; 1 where it cannot be shared.
+        change: change of the weighted errors by it [noise floors], shape (m + priors,).
+        difference: that change without what nominal parameters can imitate.
+        left: squared errors that remain.
+        waves: changes by the sine and the cosine of a ripple, shape (m + priors, 2).
     """
 
     linearised: Linearisation
@@ -155,8 +155,8 @@ def best_scales(
     """Return what effects leave that change errors so, shape (k,), and at which share of it.
 
     Args:
-        linear: from where, so that its parameters follow inside their bounds.
-        every: the effect of each change.
+        linear: fit whose parameters follow inside their bounds.
+        every: effect of each change.
         changes: of shape (m + priors, 1), or of a sine and a cosine, which have a share each.
             Shares have shape (k, 2), the second unused where there is one.
     """
@@ -359,8 +359,8 @@ class Detectability:
     """How far an effect moves the outputs at the values screened, RMS in noise floors.
 
     Attributes:
-        moved: at most.
-        shown: at most, without what nominal parameters imitate.
+        moved: largest movement.
+        shown: largest movement without what nominal parameters imitate.
     """
 
     moved: float = 0.0

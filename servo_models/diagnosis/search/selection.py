@@ -191,9 +191,9 @@ class SubsetSelection:
     Attributes:
         fitter, retuned, every: see ``select_effects``.
         surveyed: results of screening every effect beside nominal parameters alone, best first.
-        results: those that move the outputs, and further ones.
+        results: results that move the outputs, and further ones.
         enough: held-out error [noise floors] below which no effect joins a model.
-        ahead: of ``STAGES``, what is not done yet.
+        ahead: stages that are not done yet.
         models: the best fitted model of each set of causes: effects, and wider priors.
     """
 
