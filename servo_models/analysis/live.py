@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from servo_models.analysis.demonstration import demonstrate
+from servo_models.analysis.diagram import diagram
 from servo_models.analysis.experiment import display
 from servo_models.analysis.explain import (
     display_scale,
@@ -46,6 +47,8 @@ COMPARE = "Simulated in this page: the same run without the effect, dashed, and 
 def explained(name: str, variant: str | None = None) -> Report:
     """Return ``explain`` with a panel: an actuator that one drives, or an effect that one moves.
 
+    An actuator is also shown as a block diagram.
+
     Raises:
         UserError: see ``explain``.
 
@@ -60,6 +63,8 @@ def explained(name: str, variant: str | None = None) -> Report:
     chosen = actuator.variant(variant).name
     others = [it.name for it in actuator.variants if it.name != chosen]
     models = tuple(live_model(model(actuator, it)) for it in (chosen, *others))
+    drawn = diagram(actuator, chosen)
+    sheet = replace(sheet, sections=(Section(drawn.title, pictures=(drawn,)), *sheet.sections))
     return with_panel(sheet, Live("Drive it", DRIVE, models))
 
 

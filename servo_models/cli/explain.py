@@ -22,6 +22,10 @@ def explain(
     params: Params = None,
     trust: Trust = False,
     picture: Annotated[Path | None, file_option("Draw its response to .svg, .png or .pdf.")] = None,
+    diagram: Annotated[
+        Path | None,
+        file_option("Draw the block diagram of an actuator to .svg, .png or .pdf."),
+    ] = None,
     page: Annotated[
         Path | None, file_option("Write a page that simulates it in a browser.")
     ] = None,
@@ -37,6 +41,8 @@ def explain(
 
     servo-models explain sg90 --variant printed
 
+    servo-models explain sg90 --diagram sg90.svg
+
     servo-models explain backlash --picture backlash.svg
 
     servo-models explain backlash --page backlash.html
@@ -44,14 +50,16 @@ def explain(
     servo-models explain --params identified.toml
     """
     from servo_models.analysis.explain import explain as sheet_of
+    from servo_models.analysis.explain import is_actuator
     from servo_models.cli.console import progress, show
     from servo_models.data.parameters import read_parameters
     from servo_models.data.sections import parameter_report
 
     if params:
-        if name or variant or picture or page:
+        if name or variant or picture or diagram or page:
             raise UserError(
-                "--params is explained alone: leave out the name, --variant, --picture and --page"
+                "--params is explained alone: leave out the name, --variant, --picture, --diagram"
+                " and --page"
             )
         show(parameter_report(read_parameters(params, trust)))
         return
@@ -59,6 +67,8 @@ def explain(
         raise UserError("nothing to explain: name an actuator or an effect, see 'list'")
     if name.endswith(".toml"):
         raise UserError(f"'{name}' is a file: explain a parameter file with --params {name}")
+    if diagram and not is_actuator(name):
+        raise UserError(f"'{name}' is no actuator: only these have a block diagram")
     show(sheet_of(name, variant))
     if page:
         from servo_models.analysis.live import explained
@@ -75,3 +85,12 @@ def explain(
         check_suffix(picture)
         with progress(f"drawing {name}"):
             save(portrait(name, variant), picture)
+    if diagram:
+        from servo_models.analysis.diagram import diagram as drawn_from
+        from servo_models.analysis.pictures import check_suffix, save
+        from servo_models.core.catalogue import actuator
+        from servo_models.report.style import figure
+
+        check_suffix(diagram)
+        with progress(f"drawing {name}"):
+            save(figure(drawn_from(actuator(name), variant)), diagram)

@@ -29,7 +29,7 @@ def flatten(plant: Plant, name: str) -> Flat:
         ValueError: a block reads a wire that nothing defines before it, an output or the rate
             of a state is no wire, or two things would have the same name.
     """
-    links = [_Link.of(link) for link in plant.chain]
+    links = [Link.of(link) for link in plant.chain]
     top = _levels(plant, links)
     _check_declared(plant, top)
     flat = _Flattener(plant, links, top).flat(name)
@@ -53,7 +53,7 @@ def _once(names: Sequence[str]) -> None:
         raise ValueError(f"the names {twice} mean two things")
 
 
-def _check_names(plant: Plant, links: Iterable[_Link], flat: Flat) -> None:
+def _check_names(plant: Plant, links: Iterable[Link], flat: Flat) -> None:
     """Refuse a name of two things: each wire, parameter, state and memory is defined once."""
     seen = [*flat.params, *(name for name, *_ in [*flat.states, *flat.memory])]
     seen += [wire.name for wire in plant.inputs]
@@ -67,7 +67,7 @@ def _check_names(plant: Plant, links: Iterable[_Link], flat: Flat) -> None:
 
 
 @dataclass(frozen=True)
-class _Link:
+class Link:
     """One block of the chain with its arguments resolved to wires of the plant."""
 
     block: Block
@@ -77,11 +77,11 @@ class _Link:
     writes: tuple[str, ...]
 
     @staticmethod
-    def of(link: Block | Placement) -> _Link:
+    def of(link: Block | Placement) -> Link:
         if isinstance(link, Placement):
             reads = {arg: link.wire_of(arg) for arg in link.effect.wires}
-            return _Link(link.effect, link.name, reads, link.on)
-        return _Link(link, "", {arg: arg for arg in link.wires}, link.gives)
+            return Link(link.effect, link.name, reads, link.on)
+        return Link(link, "", {arg: arg for arg in link.wires}, link.gives)
 
     @property
     def prefix(self) -> str:
@@ -111,7 +111,7 @@ def _known(plant: Plant) -> dict[str, int]:
     return levels
 
 
-def _level(link: _Link, levels: dict[str, int]) -> int:
+def _level(link: Link, levels: dict[str, int]) -> int:
     for argument, wire in link.reads.items():
         if wire not in levels:
             place = f"block '{link.owner or link.block.name}' (argument '{argument}')"
@@ -119,7 +119,7 @@ def _level(link: _Link, levels: dict[str, int]) -> int:
     return max([link.lowest_level, *(levels[wire] for wire in link.reads.values())])
 
 
-def _levels(plant: Plant, links: Iterable[_Link]) -> dict[str, int]:
+def _levels(plant: Plant, links: Iterable[Link]) -> dict[str, int]:
     """Highest level that each wire reaches."""
     levels = _known(plant)
     for link in links:
@@ -132,7 +132,7 @@ def _levels(plant: Plant, links: Iterable[_Link]) -> dict[str, int]:
 @dataclass
 class _Flattener:
     plant: Plant
-    links: list[_Link]
+    links: list[Link]
     top: dict[str, int]
     sections: tuple[list[Chunk], list[Chunk], list[Chunk]] = field(
         default_factory=lambda: ([], [], [])
@@ -214,7 +214,7 @@ class _Flattener:
                 at += queue.size
         return at
 
-    def add(self, link: _Link) -> None:
+    def add(self, link: Link) -> None:
         level = _level(link, self.now)
         section = self.sections[level]
         for wire in link.writes:
@@ -237,7 +237,7 @@ class _Flattener:
         section.append(Chunk(link.owner, lines, reads, targets))
         self.remember(link, level)
 
-    def remember(self, link: _Link, level: int) -> None:
+    def remember(self, link: Link, level: int) -> None:
         for name, memory in link.block.memory.items():
             text = link.memory(name)
             self.memory.append((text, link.owner))

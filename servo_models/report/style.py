@@ -168,7 +168,8 @@ def _inline(text: str, name: str, title: str, themed: bool) -> Markup:
     content = re.sub(r' d="([^"]+)"', lambda m: f' d="{_coarse(m[1])}"', content)
     for variable, (light, _) in PALETTE.items() if themed else ():
         content = content.replace(light, f"var(--{variable})")
-    wide = Markup(' class="wide"' if float(width) > WIDE * 72.0 else "")
+    is_wide = float(width) > WIDE * 72.0
+    wide = Markup(' class="wide" style="min-width: {}pt"').format(width) if is_wide else ""
     frame = Markup(
         '<svg{} viewBox="0 0 {} {}" role="img" aria-label="{}"><title>{}</title>{}</svg>'
     )
