@@ -11,7 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from graphlib import TopologicalSorter
-from itertools import pairwise
+from itertools import pairwise, permutations
 
 import numpy as np
 from scipy.optimize import linprog
@@ -19,9 +19,12 @@ from scipy.optimize import linprog
 GAP = 14.0  # between boxes of a layer [pt]
 LANE = 7.0  # between parallel wires [pt]
 HEAD = 10.0  # of a wire above a box, for the head of its arrow [pt]
+TRIES = 8  # to keep wires apart that would lie on one another
 SWEEPS = 40  # over all layers, in search of their orders
 SHELF = 600.0  # of boxes without a wire in a layer, at most about [pt]
 STIFF = 3.0  # weight of the length of a wire past boxes over that at one: long wires are straight
+
+TINY = 1e-3  # difference of two places that are the same [pt]
 
 Point = tuple[float, float]
 
@@ -110,12 +113,18 @@ def arrange(sizes: Sequence[Point], nets: Sequence[Net]) -> tuple[list[Point], l
     for k, net in enumerate(nets):
         _thread(k, net, items, rows, channels)
     _order(rows, channels)
-    for _ in range(2):  # the second time wires enter boxes in the order in which they come
-        width = _place(rows, channels)
+    apart: list[tuple[_End, _End]] = []
+    width = _place(rows, channels, apart)
+    for _ in range(TRIES):  # now wires enter boxes in the order in which they come
+        width = _place(rows, channels, apart)
+        clashes = [pair for channel in channels for pair in _tracks(channel)[1]]
+        apart += clashes
+        if not clashes:
+            break
     routes = [Route(any(layer[box] <= layer[net.source] for box, _ in net.sinks)) for net in nets]
     y = 0.0
     for row, channel in zip([*rows, []], channels):
-        tracks = _tracks(channel)
+        tracks, _ = _tracks(channel)
         first = y + LANE
         y = first + LANE * max(tracks.values()) + HEAD if tracks else y + GAP * bool(y and row)
         for item in row:
@@ -228,8 +237,13 @@ def _span(wire: Sequence[_End]) -> Point:
     return min(places), max(places)
 
 
-def _place(rows: list[list[_Item]], channels: list[_Channel]) -> float:
-    """Place all items, and the wires at boxes, so that wires are shortest; return the width."""
+def _place(
+    rows: list[list[_Item]], channels: list[_Channel], apart: Sequence[tuple[_End, _End]]
+) -> float:
+    """Place all items, and the wires at boxes, so that wires are shortest; return the width.
+
+    Pairs of ends that are to be ``apart`` keep their order.
+    """
     cost = [1.0]  # of each variable; the first one is the width
     steps: list[tuple[int, int, float]] = []  # by how much a variable is less than another
 
@@ -241,6 +255,7 @@ def _place(rows: list[list[_Item]], channels: list[_Channel]) -> float:
     for row in rows:
         steps += [(at[one], at[other], _apart(one, other)) for one, other in pairwise(row)]
     entries: dict[_Item, list[tuple[float, int, _End]]] = {item: [] for item in at}
+    where: dict[_End, tuple[int, float]] = {}
     for wire in (wire for channel in channels for wire in channel.values()):
         weight = 1.0 if any(end.item.width for end in wire) else STIFF
         low, high = variable(-weight), variable(weight)
@@ -251,6 +266,10 @@ def _place(rows: list[list[_Item]], channels: list[_Channel]) -> float:
                 entries[end.item].append((end.origin.x, place, end))
             offset = 0.0 if end.origin else end.offset
             steps += [(low, place, -offset), (place, high, offset)]
+            where[end] = place, offset
+    for pair in apart:
+        (one, offset), (other, further) = (where[end] for end in sorted(pair, key=lambda e: e.x))
+        steps.append((one, other, offset - further + LANE / 2))
     for item, met in entries.items():
         steps.append((at[item], 0, item.width / 2))
         margin = min(LANE, item.width / (len(met) + 1))
@@ -272,31 +291,38 @@ def _place(rows: list[list[_Item]], channels: list[_Channel]) -> float:
     return float(found[0])
 
 
-def _tracks(channel: _Channel) -> dict[int, int]:
-    """The track of each wire between two layers; what comes down upon another goes first."""
+def _tracks(channel: _Channel) -> tuple[dict[int, int], list[tuple[_End, _End]]]:
+    """The track of each wire between two layers; what comes down upon another goes first.
+
+    Where each of several wires comes down upon the next, there are also pairs of ends that clash.
+    """
     spans = {k: _span(wire) for k, wire in channel.items()}
-
-    def first(one: int, other: int) -> bool:
-        lower = [end.x for end in channel[other] if not end.below]
-        upper = [end.x for end in channel[one] if end.below]
-        return any(abs(x - down) < LANE / 2 for x in lower for down in upper)
-
+    upon = {
+        (one, other): [
+            (upper, lower)
+            for upper in channel[one]
+            for lower in channel[other]
+            if upper.below and not lower.below and abs(upper.x - lower.x) < LANE / 2 - TINY
+        ]
+        for one, other in permutations(channel, 2)
+    }
     tracks: dict[int, int] = {}
+    clashes: list[tuple[_End, _End]] = []
     waiting = sorted(spans, key=spans.__getitem__)
     while waiting:
-        free = (k for k in waiting if not any(first(j, k) for j in waiting if j != k))
+        free = (k for k in waiting if not any(upon[j, k] for j in waiting if j != k))
         k = next(free, waiting[0])
         waiting.remove(k)
+        clashes += [pair for j in waiting for pair in upon[j, k]]
+        track = max((tracks[j] + 1 for j in tracks if upon[j, k]), default=0)
         low, high = spans[k]
-        taken = [tracks[j] for j in tracks if first(j, k)]
-        track = max(taken, default=-1) + 1
         while any(
             at == track and spans[j][0] < high + LANE and low < spans[j][1] + LANE
             for j, at in tracks.items()
         ):
             track += 1
         tracks[k] = track
-    return tracks
+    return tracks, clashes
 
 
 def _draw(route: Route, wire: list[_End], y: float) -> None:
