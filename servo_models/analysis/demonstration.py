@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from servo_models.analysis import pictures
+from servo_models.analysis.characteristic import Characteristic, characteristic
 from servo_models.analysis.explain import (
     Place,
     display_unit,
@@ -59,6 +60,13 @@ class Demonstration:
     without: Result
     changed: Result
     signals: tuple[str, str]
+
+    @property
+    def law(self) -> Characteristic | None:
+        """The effect as textbooks draw it, with the values of the run."""
+        actuator = self.place.actuator
+        values = actuator.values(None, {**self.neutral, **self.active})
+        return characteristic(actuator.plant, values, self.place.name)
 
     @property
     def visibility(self) -> float:
@@ -154,7 +162,7 @@ def _shown(place: Place, active: dict[str, float]) -> str:
 
 
 def portrait(name: str, variant: str | None = None) -> Figure:
-    """Return the picture of an actuator's standard step, or of an effect at work.
+    """Return the picture of an actuator's standard step, or of an effect: its law, then at work.
 
     Args:
         name: as in ``explain``.
@@ -177,6 +185,5 @@ def portrait(name: str, variant: str | None = None) -> Figure:
     wire = _load(actuator)
     if wire and (load := shown.without[wire.name][0]):
         title += f", {wire.name.replace('_', ' ')} {load:g} {wire.unit}"
-    return pictures.comparison(
-        shown.without, shown.changed, actuator.plant, shown.signals, title, shown.values
-    )
+    runs = shown.without, shown.changed
+    return pictures.comparison(*runs, actuator.plant, shown.signals, title, shown.values, shown.law)

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from servo_models.analysis.demonstration import demonstrate
+from servo_models.analysis.demonstration import Demonstration, demonstrate
 from servo_models.analysis.diagram import diagram
 from servo_models.analysis.experiment import display
 from servo_models.analysis.explain import (
@@ -18,6 +18,7 @@ from servo_models.analysis.explain import (
     explain,
     is_actuator,
 )
+from servo_models.analysis.pictures import characteristic
 from servo_models.core.catalogue import actuator as find_actuator
 from servo_models.core.flat import Flat
 from servo_models.core.js_text import js_model
@@ -33,7 +34,7 @@ from servo_models.report.live import (
     encoded,
 )
 from servo_models.report.result import Report
-from servo_models.report.sections import Section
+from servo_models.report.sections import Picture, Section
 from servo_models.units import WRITTEN_IN, factor
 
 NOMINAL = "nominal"
@@ -58,7 +59,8 @@ def explained(name: str, variant: str | None = None) -> Report:
     """
     sheet = explain(name, variant)
     if not is_actuator(name):
-        return with_panel(sheet, Live("Drive it", COMPARE, (_effect(effect_name(name)),)))
+        shown = demonstrate(effect_name(name))
+        return _with_law(with_panel(sheet, Live("Drive it", COMPARE, (_effect(shown),))), shown)
     actuator = find_actuator(name)
     chosen = actuator.variant(variant).name
     others = [it.name for it in actuator.variants if it.name != chosen]
@@ -73,9 +75,23 @@ def with_panel(report: Report, live: Live) -> Report:
     return replace(report, sections=(Section(live.title, live=live), *report.sections))
 
 
-def _effect(effect: str) -> LiveModel:
+def _with_law(report: Report, shown: Demonstration) -> Report:
+    """A report that begins with the characteristic of an effect, where it has one."""
+    law = shown.law
+    if not law:
+        return report
+    drawn = Picture(
+        f"{shown.place.name} of {shown.place.actuator.name}",
+        lambda panels: characteristic(panels[0], law),
+        f"{shown.values}. Dashed: without the effect." if law.over is law.wire else shown.values,
+    )
+    section = Section("Characteristic", pictures=(drawn,))
+    return replace(report, sections=(section, *report.sections))
+
+
+def _effect(shown: Demonstration) -> LiveModel:
     """The run in which an effect can be seen, without and with it."""
-    shown = demonstrate(effect)
+    effect = shown.place.placements[0].effect.name
     plain = model(shown.place.actuator, None, shown.neutral)
     run = _run("a step, then a slow way back", shown.without)
     return live_model(plain, {effect: shown.active}, shown={shown.place.name}, runs=(run,))

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from servo_models.analysis.characteristic import FRICTION, Characteristic
 from servo_models.analysis.experiment import display
 from servo_models.analysis.linear_model import LinearModel
 from servo_models.analysis.linearise import linearise
@@ -86,8 +87,30 @@ def response(result: Result, plant: Plant, title: str) -> Figure:
         return figure
 
 
+def characteristic(axes: Axes, law: Characteristic) -> None:
+    """Draw what an effect makes of a signal; of the signal itself also how it is without."""
+    given, across = _display(law.given, law.over)
+    found, up = _display(law.found, law.wire)
+    name = law.wire.name.replace("_", " ")
+    if law.over is law.wire:
+        ends = [min(given), max(given)]
+        axes.plot(ends, ends, color=colour("muted"), ls="--", lw=1.0)
+        name = f"{name}, as the effect leaves it"
+    elif law.wire.name != FRICTION:
+        name = f"added to {name}"
+    axes.plot(given, found, color=colour("orange"))
+    _heading(axes, name, up)
+    axes.set_xlabel(f"{law.over.name.replace('_', ' ')} [{across}]" if across else law.over.name)
+
+
 def comparison(
-    without: Result, changed: Result, plant: Plant, names: Sequence[str], title: str, label: str
+    without: Result,
+    changed: Result,
+    plant: Plant,
+    names: Sequence[str],
+    title: str,
+    label: str,
+    law: Characteristic | None = None,
 ) -> Figure:
     """Draw one response without and with an effect, and the difference that it makes.
 
@@ -97,11 +120,19 @@ def comparison(
         names: the input that moves and the output to look at.
         title: of the page.
         label: says in the picture what ``changed`` has.
+        law: of the effect, drawn above.
     """
     source, output = (plant.wire[name] for name in names)
     scale, unit = _time_scale(without.times)
     time = scale * without.times
-    with _page(title, 3, heights=(1.0, 2.2, 1.0)) as (figure, (top, middle, bottom)):
+    heights = (2.2, 1.0, 2.2, 1.0) if law else (1.0, 2.2, 1.0)
+    with _page(title, len(heights), heights, shared=not law) as (figure, panels):
+        top, middle, bottom = panels[-3:]
+        if law:
+            characteristic(panels[0], law)
+            for axes in (top, middle):
+                axes.sharex(bottom)
+                axes.tick_params(labelbottom=False)
         values, shown = _display(without[source.name], source)
         _heading(top, source.name, shown)
         _input(top, time, values)
