@@ -174,10 +174,7 @@ def portrait(name: str, variant: str | None = None) -> Figure:
     if is_actuator(name):
         chosen = model(name, variant)
         times = np.linspace(0.0, chosen.stop_time, POINTS)
-        result = simulate(chosen, times, dict([chosen.actuator.step]))
-        return pictures.response(
-            result, chosen.plant, f"{chosen.actuator.name}, variant {chosen.variant}"
-        )
+        return pictures.response(simulate(chosen, times, dict([chosen.actuator.step])))
     effect = effect_name(name)
     shown = demonstrate(effect)
     actuator = shown.place.actuator

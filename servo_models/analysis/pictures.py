@@ -63,28 +63,41 @@ def save(figure: Figure, path: Path) -> None:
         write_with(path, lambda part: figure.savefig(part, dpi=200, metadata=metadata))
 
 
-def response(result: Result, plant: Plant, title: str) -> Figure:
+def response(result: Result) -> Figure:
     """Draw the inputs that move and all outputs; flags are shaded bands over all panels."""
+    with _page(result.report().title, len(shown_signals(result))) as (figure, panels):
+        draw_signals(result, panels)
+        return figure
+
+
+def shown_signals(result: Result) -> list[Wire]:
+    """Return the inputs that move and all outputs but flags."""
+    plant = result.model.plant
     moving = [wire for wire in plant.inputs if np.any(result[wire.name] != wire.rest)]
     outputs = [plant.wire[name] for name in plant.outputs]
-    shown = [*moving, *(wire for wire in outputs if not wire.flag)]
+    return [*moving, *(wire for wire in outputs if not wire.flag)]
+
+
+def draw_signals(result: Result, panels: Sequence[Axes]) -> None:
+    """Draw ``shown_signals`` on as many axes, or the main output on a single one."""
+    plant = result.model.plant
+    outputs = [plant.wire[name] for name in plant.outputs]
+    shown = shown_signals(result) if len(panels) > 1 else outputs
     scale, unit = _time_scale(result.times)
     time = scale * result.times
     lead = time[0] - LEAD * (time[-1] - time[0])
-    with _page(title, len(shown)) as (figure, panels):
-        for axes, wire in zip(panels, shown):
-            values, label = _display(result[wire.name], wire)
-            _heading(axes, wire.name, label)
-            if wire in moving:
-                rest, _ = _display(np.array([float(wire.rest)]), wire)
-                _input(axes, np.array([lead, *time]), np.array([*rest, *values]))
-            else:
-                axes.plot(time, values, color=colour("blue"))
-                _room(axes, values, wire)
-        for wire in (wire for wire in outputs if wire.flag and np.any(result[wire.name])):
-            _shade(panels, scale * result.times, result[wire.name], wire)
-        _time_axis(panels[-1], lead, time[-1], unit)
-        return figure
+    for axes, wire in zip(panels, shown):
+        values, label = _display(result[wire.name], wire)
+        _heading(axes, wire.name, label)
+        if wire in plant.inputs:
+            rest, _ = _display(np.array([float(wire.rest)]), wire)
+            _input(axes, np.array([lead, *time]), np.array([*rest, *values]))
+        else:
+            axes.plot(time, values, color=colour("blue"))
+            _room(axes, values, wire)
+    for wire in (wire for wire in outputs if wire.flag and np.any(result[wire.name])):
+        _shade(panels, time, result[wire.name], wire)
+    _time_axis(panels[-1], lead, time[-1], unit)
 
 
 def characteristic(axes: Axes, law: Characteristic) -> None:

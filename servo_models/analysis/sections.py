@@ -16,11 +16,12 @@ from servo_models.analysis.experiment import display, shown
 from servo_models.analysis.explain import display_unit, in_display_unit
 from servo_models.analysis.figures import Figures, FrequencyFigures
 from servo_models.analysis.linear_model import LinearModel
+from servo_models.analysis.pictures import draw_signals, shown_signals
 from servo_models.core.plant import Wire
 from servo_models.core.simulate import Model, Result
 from servo_models.core.types import Array
 from servo_models.report.numbers import Quantity
-from servo_models.report.result import Report, data_sheet, document_of, report_of
+from servo_models.report.result import Report, document_of, report_of
 from servo_models.report.sections import Cell, Picture, Section, Table
 from servo_models.report.style import colour
 
@@ -39,8 +40,10 @@ SPAN, FINE = 30.0, 300
 """Frequencies of a Bode plot, over and below the bandwidth by this factor, and its points."""
 
 
-def run_report(result: Result, chosen: Model, stepped: bool) -> Report:
-    """Return the signals of a run in figures, and for a step the measures of its response."""
+@report_of.register(Result)
+def run_report(result: Result, date: str = "") -> Report:
+    """Return the signals of a run in figures and as a picture; of a step also its measures."""
+    chosen = result.model
     wires = [chosen.plant.wire[name] for name in (*result.inputs, *result.outputs)]
     signals = Table(
         "Signals",
@@ -48,14 +51,39 @@ def run_report(result: Result, chosen: Model, stepped: bool) -> Report:
         tuple(_range(wire, result[wire.name]) for wire in wires),
     )
     main = chosen.plant.wire[chosen.plant.outputs[0]]
-    metrics = step_metrics(result.times, result[main.name])
-    response = step_table(main, metrics, f"Step response of {main.name}")
-    end = f"{len(result.times)} points, {result.times[0]:g} to {result.times[-1]:g} s"
-    return data_sheet(
-        f"{chosen.actuator.name}, variant {chosen.variant}: {end}",
-        (*_origin(chosen), *(f"Warning: {text}." for text in result.warnings)),
-        (signals, response) if stepped else (signals,),
+    shown = shown_signals(result)
+    is_step = all(np.ptp(values) == 0.0 for values in result.inputs.values())
+    tables = [signals]
+    if is_step and len(result.times) > 1:
+        metrics = step_metrics(result.times, result[main.name])
+        tables.append(step_table(main, metrics, f"Step response of {main.name}"))
+    picture = Picture(
+        "Response",
+        partial(draw_signals, result),
+        rows=len(shown),
+        height=1.2 * len(shown) + 0.5,
+        shared=True,
     )
+    end = f"{len(result.times)} points, {result.times[0]:g} to {result.times[-1]:g} s"
+    return Report(
+        f"{chosen.actuator.name}, variant {chosen.variant}: {end}",
+        "",
+        remarks=(*_origin(chosen), *(f"Warning: {text}." for text in result.warnings)),
+        sections=(Section("", tables=tuple(tables), pictures=(picture,)),),
+        date=date,
+    )
+
+
+@document_of.register(Result)
+def _run_document(result: Result) -> dict[str, Any]:
+    return {
+        "actuator": result.model.actuator.name,
+        "variant": result.model.variant,
+        "times": result.times,
+        "inputs": result.inputs,
+        "outputs": result.outputs,
+        "warnings": result.warnings,
+    }
 
 
 def _origin(model: Model) -> tuple[str, ...]:

@@ -63,7 +63,6 @@ def simulate(
     servo-models simulate sg90 --inputs pulses.csv --out angles.parquet
     """
     from servo_models.analysis import experiment
-    from servo_models.analysis.sections import run_report
     from servo_models.cli.console import progress, show
     from servo_models.core.simulate import simulate as run
     from servo_models.data import tables
@@ -90,7 +89,6 @@ def simulate(
         signals = {**result.inputs, **result.outputs}
         tables.write_signals(out, result.times, signals, chosen.plant.wire)
     if plot:
-        title = f"{chosen.actuator.name}, variant {chosen.variant}"
-        pictures.save(pictures.response(result, chosen.plant, title), plot)
-    show(run_report(result, chosen, stepped=not inputs))
+        pictures.save(pictures.response(result), plot)
+    show(result.report())
     return 1 if result.warnings else 0

@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,6 +27,7 @@ from servo_models.core.printer import FURTHEST
 from servo_models.core.stepper import run_text, start_text, step_text
 from servo_models.core.types import Array
 from servo_models.errors import UserError
+from servo_models.report.result import Result as Reported
 from servo_models.units import parse
 
 LONGEST_RUN = 1e8
@@ -47,17 +48,21 @@ SPEEDS = ("shaft_speed", "load_speed", "coasting_speed")
 effects ``gear_compliance`` and ``coasting_backlash`` name them."""
 
 
-@dataclass(frozen=True)
-class Result:
-    """A simulated response.
+@dataclass(frozen=True, repr=False)
+class Result(Reported):
+    """A simulated response; a notebook shows its signals and figures.
 
     Attributes:
+        model: what was simulated.
         times: communication points [s], shape (n,).
         inputs, outputs: SI values by name, each of shape (n,); an input is held from its
             row on, an output is the value at its row.
         warnings: in words, what of it is not to be relied on: see ``doubts``.
     """
 
+    told_in: ClassVar = "servo_models.analysis"  # which knows units, figures and pictures
+
+    model: Model
     times: Array
     inputs: dict[str, Array]
     outputs: dict[str, Array]
@@ -385,7 +390,7 @@ def simulate(
     named = {name: out[:, i] for i, name in enumerate(chosen.plant.outputs)}
     notices = noticed(chosen.flat, state.tolist()).values()
     warnings = (*doubts(chosen, grid, matrix, out), *notices)
-    return Result(grid, columns, named, warnings)
+    return Result(chosen, grid, columns, named, warnings)
 
 
 def _columns(
