@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import io
 import re
+import zlib
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
@@ -35,6 +37,8 @@ PALETTE = {
     "purple": ("#a2497f", "#df9cc4"),
 }
 """Colours by name: (on a light page, on a dark page)."""
+
+STYLE = re.compile(r'style="([^"]+)"')
 
 SERIES = ("blue", "orange", "green", "purple")  # names of the colours of curves, in order
 
@@ -165,15 +169,31 @@ def _inline(text: str, name: str, title: str, themed: bool) -> Markup:
         r' id="([^"]+)"', lambda m: f' id="{name}-{m[1]}"' if m[1] in used else "", content
     )
     content = re.sub(r'(url\(|href=")#', rf"\g<1>#{name}-", content)
-    content = re.sub(r' d="([^"]+)"', lambda m: f' d="{_coarse(m[1])}"', content)
+    content = re.sub(r' (d|x|y)="([^"]+)"', lambda m: f' {m[1]}="{_coarse(m[2])}"', content)
     for variable, (light, _) in PALETTE.items() if themed else ():
         content = content.replace(light, f"var(--{variable})")
+    bare = 1
+    while bare:  # groups that say nothing, from the innermost out
+        content, bare = re.subn(r"<g> ?((?:(?!</?g\b).)*)</g> ?", r"\1", content)
+    content = _classed(content)
     is_wide = float(width) > WIDE * 72.0
     wide = Markup(' class="wide" style="min-width: {}pt"').format(width) if is_wide else ""
     frame = Markup(
         '<svg{} viewBox="0 0 {} {}" role="img" aria-label="{}"><title>{}</title>{}</svg>'
     )
     return frame.format(wide, width, height, title, title, Markup(content))
+
+
+def _classed(content: str) -> str:
+    """Write each style once, as a class, where it is repeated: half of a figure is styles."""
+    often = [text for text, times in Counter(STYLE.findall(content)).items() if times > 2]
+    names = {text: f"s{zlib.crc32(text.encode()):x}" for text in often}
+    rules = " ".join(f".{name} {{ {text} }}" for text, name in names.items())
+    named = STYLE.sub(
+        lambda m: f'class="{names[m[1]]}"' if m[1] in names else m[0],
+        content,
+    )
+    return f"<style>{rules}</style>{named}"
 
 
 def _coarse(path: str) -> str:

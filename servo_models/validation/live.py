@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import math
+
+import numpy as np
+
 from servo_models.analysis.live import live_model
 from servo_models.core.plant import Plant
 from servo_models.core.simulate import model
@@ -10,6 +14,8 @@ from servo_models.validation.cases import Case, all_cases
 from servo_models.validation.responses import input_columns
 from servo_models.validation.rows import Validation
 
+FIRST = "sg90"  # with which it opens: what most readers came for
+FINEST = 1e-9  # of its largest value: to that a reference is rounded, which halves its length
 TITLE = "What the actuators do"
 TEXT = (
     "Simulated in this page, beside a reference that shares no code with the model: choose an"
@@ -29,7 +35,8 @@ def panel(validation: Validation) -> Live | None:
     for key in dict.fromkeys((row.actuator, row.variant) for row in validation.rows):
         if key in cases:
             first.setdefault(model(*key).plant, cases[key])
-    models = tuple(map(_model, first.values()))
+    cases_shown = sorted(first.values(), key=lambda case: case.actuator != FIRST)
+    models = tuple(map(_model, cases_shown))
     return Live(TITLE, TEXT, models, "your values", "reference") if models else None
 
 
@@ -38,11 +45,12 @@ def _model(case: Case) -> LiveModel:
     columns = input_columns(case, chosen)
     inputs = {wire.name: columns[:, k] for k, wire in enumerate(chosen.plant.inputs)}
     expected = case.reference(case.times, inputs)[case.main]
+    step = 2.0 ** math.floor(math.log2(FINEST * np.max(np.abs(expected), initial=FINEST)))
     run = LiveRun(
         name=case.name,
         times=encoded(case.times),
         inputs=encoded(columns.ravel()),
-        measured={case.main: encoded(expected)},
+        measured={case.main: encoded(step * np.round(expected / step))},
         counted=encoded(0.0 * case.times + 1.0),
     )
     return live_model(chosen, runs=(run,))

@@ -14,6 +14,7 @@ import hashlib
 import math
 import re
 import zlib
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from importlib.resources import files
 from typing import TYPE_CHECKING
@@ -26,6 +27,12 @@ if TYPE_CHECKING:
 
 
 VARIABLE = re.compile(r"\bv_\w+")  # as ``core.js_text`` writes those of a model
+FIGURE = re.compile(
+    r"(?<![\w$.])(\d[\w.]*(?:(?<=e)[-+]\d+)?)"
+)  # a number as it is written, and no name
+LET = re.compile(r"(?<=0);\nlet (?=\S+=0;)")  # of a variable after another
+SPACE = re.compile(r" ?([=*/<>?:,;(){}|&]) ?| ([+-]) (?![+-])")
+"""Where a blank says nothing: in ``a - -b`` it keeps the signs apart."""
 
 
 @dataclass(frozen=True)
@@ -194,7 +201,7 @@ def scripts(panels: tuple[Live, ...]) -> list[str]:
     if not panels:
         return []
     library = f"/*\n{asset('uPlot.LICENSE')}*/\n{asset('uPlot.iife.min.js')}"
-    models = [f"(globalThis.servoModels ??= []).push({_short(it)});" for it in _programs(panels)]
+    models = _shared([_short(it) for it in _programs(panels)])
     explorer = [asset("explore.js")] if any(panel.dropped for panel in panels) else []
     texts = [library, *models, *explorer, asset("panel.js")]
     if any("</script" in text.lower() or "<!--" in text for text in texts):
@@ -207,11 +214,37 @@ def _programs(panels: tuple[Live, ...]) -> list[str]:
     return [*dict.fromkeys(model.program for panel in panels for model in panel.models)]
 
 
+def _shared(programs: Sequence[str]) -> list[str]:
+    """Scripts that define programs in their order; those that differ in figures are one function.
+
+    Variants of an actuator have the same equations, and other full scales.
+    """
+    alike: dict[str, list[int]] = {}
+    for k, program in enumerate(programs):
+        alike.setdefault(FIGURE.sub("0", program), []).append(k)
+    scripts = []
+    for places in alike.values():
+        parts = [FIGURE.split(programs[k]) for k in places]
+        varying = [j for j, them in enumerate(zip(*parts)) if len({*them}) > 1]
+        shared = parts[0].copy()
+        for n, j in enumerate(varying):
+            shared[j] = f"figures[{n}]"
+        calls = ", ".join(
+            f"[{k}, [{', '.join(part[j] for j in varying)}]]" for k, part in zip(places, parts)
+        )
+        scripts.append(
+            f"for (const [place, figures] of [{calls}])"
+            f" (globalThis.servoModels ??= [])[place] = {''.join(shared)};"
+        )
+    return scripts
+
+
 def _short(program: str) -> str:
-    """A program without its indentation and with short names: a third of its length."""
+    """A program without its indentation and with short names: a fourth of its length."""
     names = {name: f"${k}" for k, name in enumerate(dict.fromkeys(VARIABLE.findall(program)))}
     text = VARIABLE.sub(lambda found: names[found[0]], program)
-    return "\n".join(line.lstrip() for line in text.split("\n"))
+    text = "\n".join(SPACE.sub(r"\1\2", line.strip()) for line in text.split("\n"))
+    return LET.sub(",", text)
 
 
 def styles(panels: tuple[Live, ...]) -> str:
