@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from collections.abc import Iterator, Mapping
@@ -13,12 +14,13 @@ import numpy as np
 import pytest
 
 from servo_models.analysis.live import live_model
+from servo_models.core.js_text import js_model
 from servo_models.core.simulate import Model, model, simulate
 from servo_models.core.types import Array
 from servo_models.data.log import Log, Start
 from servo_models.identification.live import live_logs
 from servo_models.identification.simulation import prepared
-from servo_models.report.live import LiveModel
+from servo_models.report.live import Live, LiveModel, scripts
 from tests.support.browser import chromium, opened, ready, written
 from tests.support.logs import measured
 
@@ -214,3 +216,20 @@ def test_a_set_that_cannot_be_simulated_leaves_the_page_whole() -> None:
     (found,) = live_logs(SERVO, [log], {"away": away}, {}, set(), {})
     (run,) = found.runs
     assert {value for _, value in run.placed[1]} == {0.0}  # as stated
+
+
+def test_variants_of_the_same_equations_share_a_script() -> None:
+    """With its own figures put in, it is the program of each."""
+    models = [model("dc_motor", variant) for variant in ("direct", "geared")]
+    panel = Live("", "", tuple(live_model(it) for it in models))
+    (script,) = (it for it in scripts((panel,)) if "servoModels" in it[:20000] and "advance" in it)
+    heading, body = re.fullmatch(r"for .* of (.*?)\) \(globalThis.* = (.*);", script, re.S).groups()  # type: ignore[union-attr]
+    for place, figures in json.loads(heading):
+        whole = re.sub(r"figures\[(\d+)\]", lambda m: repr(figures[int(m[1])]), body)  # noqa: B023
+        assert bare(whole) == bare(js_model(models[place].flat))
+
+
+def bare(program: str) -> str:
+    """A program but for names of variables, blanks and where a list of variables is cut."""
+    named = re.sub(r"\bv_\w+|\$\d+", "V", program)
+    return re.sub(r"\s", "", named).replace(";letV=0", ",V=0")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from servo_models.errors import UserError
 from servo_models.report.numbers import number
 from servo_models.report.result import report_of
 from servo_models.report.style import PALETTE
+from servo_models.validation.live import panel
 from servo_models.validation.rows import (
     IMPLEMENTATION,
     MODEL,
@@ -287,3 +289,11 @@ def test_colours_are_legible(name: str, ground: str, page: int) -> None:
 
     light, dark = sorted(luminance(PALETTE[key][page]) for key in (name, ground))[::-1]
     assert (light + 0.05) / (dark + 0.05) >= 4.5
+
+
+def test_the_panel_opens_on_the_sg90() -> None:
+    shown = (("dc_motor", "direct"), ("sg90", "measured"))
+    rows = tuple(replace(GOOD.rows[0], actuator=it, variant=variant) for it, variant in shown)
+    opened = panel(replace(GOOD, rows=rows))
+    assert opened
+    assert [it.actuator for it in opened.models] == ["sg90", "dc_motor"]

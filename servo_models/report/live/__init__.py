@@ -27,9 +27,7 @@ if TYPE_CHECKING:
 
 
 VARIABLE = re.compile(r"\bv_\w+")  # as ``core.js_text`` writes those of a model
-FIGURE = re.compile(
-    r"(?<![\w$.])(\d[\w.]*(?:(?<=e)[-+]\d+)?)"
-)  # a number as it is written, and no name
+FIGURE = re.compile(r"(?<![\w$.])(\d[\w.]*(?:(?<=e)[-+]\d+)?)")  # as a number is written
 LET = re.compile(r"(?<=0);\nlet (?=\S+=0;)")  # of a variable after another
 SPACE = re.compile(r" ?([=*/<>?:,;(){}|&]) ?| ([+-]) (?![+-])")
 """Where a blank says nothing: in ``a - -b`` it keeps the signs apart."""
