@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from servo_models.analysis.live import live_model
+from servo_models.core.catalogue import actuators
 from servo_models.core.plant import Plant
 from servo_models.core.simulate import model
 from servo_models.report.live import Live, LiveModel, LiveRun, encoded
@@ -14,7 +15,6 @@ from servo_models.validation.cases import Case, all_cases
 from servo_models.validation.responses import input_columns
 from servo_models.validation.rows import Validation
 
-FIRST = "sg90"  # with which it opens: what most readers came for
 FINEST = 1e-9  # of its largest value: to that a reference is rounded, which halves its length
 TITLE = "What the actuators do"
 TEXT = (
@@ -35,8 +35,9 @@ def panel(validation: Validation) -> Live | None:
     for key in dict.fromkeys((row.actuator, row.variant) for row in validation.rows):
         if key in cases:
             first.setdefault(model(*key).plant, cases[key])
-    cases_shown = sorted(first.values(), key=lambda case: case.actuator != FIRST)
-    models = tuple(map(_model, cases_shown))
+    known = actuators()  # it opens on the one that is described best, by the most variants
+    shown = sorted(first.values(), key=lambda case: -len(known[case.actuator].variants))
+    models = tuple(map(_model, shown))
     return Live(TITLE, TEXT, models, "your values", "reference") if models else None
 
 
