@@ -81,7 +81,7 @@ def test_a_quadratic_drag_is_learnt_as_such(dragged: Dragged) -> None:
     assert found.size == "torque"
     assert found.curves[0].regressor == "rate"
     (acting,) = case.acting
-    drag = acting.settings(case.experiment)["quadratic_drag"]
+    drag = acting.settings(case.experiment)["load.quadratic_drag"]
     curve = found.curves[0]
     truth = beside_line(curve, drag * curve.knots * np.abs(curve.knots))
     learnt = beside_line(curve, curve.values)
