@@ -24,7 +24,7 @@ FLOORS = (
     "data",
     "identification validation",
     "foreign",
-    "diagnosis",
+    "diagnosis simulators",
     "cli",
     "__main__ build_fmu",
 )
@@ -230,9 +230,9 @@ EFFECTS = {
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
     if isinstance(node, ast.FunctionDef)
 } | {path.stem for path in ROOT.glob("servo_models/effects/[!_]*.py")}
-THEIR_OWN = ("effects", "actuators", "validation", "foreign/border")
-"""Folders that may name effects: who defines and places them, and who writes an actuator's truth
-down a second time, on purpose."""
+THEIR_OWN = ("effects", "actuators", "validation", "foreign/border", "simulators")
+"""Folders that may name effects: who defines and places them, who writes an actuator's truth down a
+second time, on purpose, and who says what another simulator holds of them."""
 OTHER_THINGS = {
     "offset": "a key of a log",
     "lag": "a column of a table",

@@ -23,8 +23,10 @@ from servo_models.cli.console import disarmed
 from servo_models.cli.diagnose import diagnose
 from servo_models.cli.explain import explain
 from servo_models.cli.explore import explore
+from servo_models.cli.export import export
 from servo_models.cli.figures import figures
 from servo_models.cli.identify import identify
+from servo_models.cli.import_ import import_
 from servo_models.cli.list_ import list_
 from servo_models.cli.new import new
 from servo_models.cli.sample import sample
@@ -92,6 +94,8 @@ app.command()(identify)
 app.command()(diagnose)
 app.command()(compare)
 app.command()(sample)
+app.command()(export)
+app.command(name="import")(import_)
 app.command()(blind)
 app.command()(build)
 app.command()(validate)

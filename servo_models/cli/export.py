@@ -1,0 +1,76 @@
+"""servo-models export"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from servo_models.cli.options import Largest, Trust
+from servo_models.errors import UserError
+
+
+def complete_simulator(incomplete: str) -> list[str]:
+    from servo_models.simulators import simulators
+
+    return [name for name in simulators() if name.startswith(incomplete)]
+
+
+def export(
+    params: Annotated[Path, typer.Argument(metavar="PARAMS", help="A parameter file, .toml.")],
+    to: Annotated[
+        str,
+        typer.Option(
+            metavar="SIMULATOR",
+            help="mujoco, isaaclab, jsbsim or ardupilot.",
+            autocompletion=complete_simulator,
+        ),
+    ],
+    log: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DESCRIPTION", help="Logs to fit and judge on; default: a standard excitation."
+        ),
+    ] = None,
+    time_step: Annotated[
+        str | None, typer.Option(metavar="TIME", help="Of the simulator; default: its own.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write the lines; default: print them.")
+    ] = None,
+    trust: Trust = False,
+    largest: Largest = None,
+) -> None:
+    """Write the native fields of a simulator, refitted to a diagnosed actuator.
+
+    Then it tells which effects are exact, approximate and lost. With --log the errors of the
+    nominal model, the diagnosed one and the native law are measured.
+
+    Examples:
+
+    servo-models export PARAMS.toml --to mujoco --log mine.toml
+
+    servo-models export PARAMS.toml --to ardupilot --out servo.parm
+    """
+    from servo_models.cli.console import progress, show
+    from servo_models.data.schema import named_files
+    from servo_models.files import check_writable, write_whole
+    from servo_models.simulators import simulator
+    from servo_models.simulators.export import export as run
+    from servo_models.simulators.sections import export_report
+
+    simulator(to)
+    if out:
+        read = [params, *(named_files(log) if log else [])]
+        if out.exists() and any(other.exists() and out.samefile(other) for other in read):
+            raise UserError(f"'{out}' is read, not written: choose another name")
+        check_writable(out)
+    with progress(f"fitting {to}"):
+        found = run(params, to, log, time_step, trust)
+    if out:
+        write_whole(out, found.lines.encode())
+        print(f"wrote '{out}'\n")
+    else:
+        print(found.lines)
+    show(export_report(found))

@@ -1,0 +1,44 @@
+"""Simulators: one file here = one simulator, which has a ``SIMULATOR``, a ``READER`` or both.
+
+Nothing else has to know of it.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import pkgutil
+from types import ModuleType
+
+from servo_models.core.plant import unknown
+from servo_models.errors import UserError
+from servo_models.simulators.simulator import Reader, Simulator
+
+__all__ = ["readers", "simulator", "simulators"]
+
+
+def simulators() -> dict[str, Simulator]:
+    """Return every simulator by the name of its file."""
+    return {name: it.SIMULATOR for name, it in _modules().items() if hasattr(it, "SIMULATOR")}
+
+
+def readers() -> dict[str, Reader]:
+    """Return every reader of nominal values by the name of its file."""
+    return {name: it.READER for name, it in _modules().items() if hasattr(it, "READER")}
+
+
+def simulator(name: str) -> Simulator:
+    """Return a simulator by name.
+
+    Raises:
+        UserError: nobody knows that name.
+    """
+    if name not in simulators():
+        raise UserError(unknown("simulator", name, simulators()))
+    return simulators()[name]
+
+
+@functools.cache
+def _modules() -> dict[str, ModuleType]:
+    names = sorted(module.name for module in pkgutil.iter_modules(__path__))
+    return {name: importlib.import_module(f"{__name__}.{name}") for name in names}

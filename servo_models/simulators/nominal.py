@@ -1,0 +1,79 @@
+"""Nominal values from a simulator's own files, as a parameter file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from servo_models.core.catalogue import actuators
+from servo_models.core.plant import Actuator, Plant, check_bounds
+from servo_models.data.parameters import Estimate, ParameterSet
+from servo_models.errors import UserError, printable
+from servo_models.files import read_regular
+from servo_models.simulators import readers
+from servo_models.simulators.simulator import Nominal
+from servo_models.units import parse
+
+LONGEST = 100  # characters of where a value is from: names in it are anybody's
+
+
+def nominal(file: str, inertia: float | str = 0.0) -> ParameterSet:
+    """Return what a simulator's file says of an actuator, as parameters of ours.
+
+    Args:
+        file: ``FILE`` or ``FILE#JOINT``; joint, actuator or group is needed where it has several.
+        inertia: that the joint carries beside what the file says, in kg m^2 or with a unit.
+
+    Raises:
+        UserError: a file of no known kind, without that joint, or with what our model cannot have.
+
+    Example:
+        >>> from pathlib import Path
+        >>> from servo_models.simulators.nominal import nominal
+        >>> _ = Path("plane.parm").write_text("SIM_SERVO_SPEED 0.1")
+        >>> nominal("plane.parm").settings()["command_lag.time_constant"]
+        0.1
+    """
+    name, _, joint = file.partition("#")
+    path = Path(name)
+    content = read_regular(path)
+    kind = _kind(path, content)
+    carried = parse(inertia, "kg.m2")
+    if carried < 0.0:
+        raise UserError(f"inertia = {carried:g} kg.m2: give one of 0 or more")
+    try:
+        found = readers()[kind].read(content, joint, carried)
+        actuator, variant = _target(found)
+        plant = actuator.plant_of(variant)
+        estimates = tuple(
+            _estimate(plant, parameter, *told) for parameter, told in found.values.items()
+        )
+    except UserError as error:
+        raise UserError(f"'{path}': {error}") from error
+    method = f"read from '{path.name}', a file of {readers()[kind].title}"
+    return ParameterSet(actuator.key, variant, estimates, method=method, warnings=found.warnings)
+
+
+def _kind(path: Path, content: bytes) -> str:
+    """The reader whose file this is: by the end of its name, and by a mark where several are."""
+    found = [name for name, it in readers().items() if path.suffix.lower() in it.suffixes]
+    marked = [name for name in found if readers()[name].mark in content]
+    if not found:
+        known = sorted({end for it in readers().values() for end in it.suffixes})
+        raise UserError(f"'{path}' is of no known kind: its name may end in {', '.join(known)}")
+    return (marked or found)[0]
+
+
+def _target(found: Nominal) -> tuple[Actuator, str]:
+    """The actuator that has all parameters of what was read, and the variant of its command."""
+    for actuator in actuators().values():
+        for variant in actuator.variants:
+            plant = actuator.plant_of(variant.name)
+            command = plant.wire[variant.command or actuator.step[0]]
+            if command.unit == found.command and found.values.keys() <= plant.parameters.keys():
+                return actuator, variant.name
+    raise UserError("no actuator of the catalogue has all of its parameters")
+
+
+def _estimate(plant: Plant, name: str, value: float, origin: str) -> Estimate:
+    check_bounds(plant.parameters[name], value)
+    return Estimate(name, value, None, printable(origin, LONGEST))

@@ -1,0 +1,125 @@
+"""What readers of simulators' files share: XML, numbers, names, and our general servo."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from typing import NoReturn
+from xml.parsers import expat
+
+from servo_models.errors import UserError, did_you_mean
+
+TRANSPORT_DELAY = "transport_delay.time"
+LEAST_RATIO = 0.05  # damping ratio of our servo
+NO_LIMIT = 1e7  # rad/s2
+LARGEST_ERROR_RAD = math.pi  # up to which a servo without a limit of speed has none
+FAST = 1000.0  # rad/s
+LARGEST = 1e30  # of a number in a file; what is larger, infinite or NaN is none
+
+Values = dict[str, tuple[float, str]]
+"""Values [SI] of our parameters by name, each with where it comes from."""
+
+
+def parsed(content: bytes) -> ET.Element:
+    """Return the root of an XML document of anybody: without entities it cannot grow.
+
+    Raises:
+        UserError: no XML, or a document type or entities.
+    """
+    parser, builder = expat.ParserCreate(), ET.TreeBuilder()
+
+    def refuse(*_: object) -> NoReturn:
+        raise UserError("it declares a document type or entities: leave them out")
+
+    parser.StartDoctypeDeclHandler = parser.EntityDeclHandler = refuse
+    parser.StartElementHandler = builder.start
+    parser.EndElementHandler = builder.end
+    parser.CharacterDataHandler = builder.data
+    try:
+        parser.Parse(content, True)
+    except (expat.ExpatError, ValueError, LookupError) as error:
+        raise UserError(f"no XML: {error}") from error
+    return builder.close()
+
+
+def servo(
+    stiffness: float, clipped: float, free: float, effort: float, inertia: float, origin: str
+) -> Values:
+    """Return our general servo for a = (clip(stiffness e - clipped v, effort) - free v) / inertia.
+
+    In SI at the joint; an effort of 0 is no limit.  It is that exactly: with free damping alone its
+    largest speed is effort / free, else its largest acceleration is effort / inertia, and free
+    damping beside the clipped one is viscous friction.
+
+    Raises:
+        UserError: no stiffness, or no inertia.
+    """
+    if stiffness <= 0.0:
+        raise UserError(f"{origin} has no stiffness: give it one, this is no position servo")
+    if inertia <= 0.0:
+        raise UserError(f"{origin} has no armature: give what the joint carries by --inertia")
+    frequency = math.sqrt(stiffness / inertia)
+    least = 2.0 * LEAST_RATIO * frequency * inertia
+    apart = clipped >= least
+    damping = clipped if apart else max(clipped + free, least)
+    ratio = damping / (2.0 * frequency * inertia)
+    found = follower(f"root of stiffness / inertia of {origin}", frequency, ratio)
+    told = f"damping of {origin}" if damping > least else f"{origin} has less: the least of ours"
+    found["damping_ratio"] = (ratio, told)
+    found["inertia"] = (inertia, f"armature of {origin}, and --inertia")
+    if effort > 0.0 and free > 0.0 and not apart:
+        found["speed_limit"] = (effort / damping, f"force limit of {origin} / damping")
+    elif effort > 0.0:
+        found["acceleration_limit"] = (effort / inertia, f"force limit of {origin} / inertia")
+    if apart:
+        drag = free * found["speed_limit"][0]
+        found["viscous_friction.torque"] = (drag, f"damping of {origin} x speed_limit")
+    return found
+
+
+def follower(origin: str, frequency: float = FAST, ratio: float = 1.0) -> Values:
+    """Return our second-order servo without limits and without delay.
+
+    ``frequency`` [rad/s]; by default so fast that it adds no more than 2 ms.
+    """
+    return {
+        "natural_frequency": (frequency, origin),
+        "damping_ratio": (ratio, origin),
+        "speed_limit": (0.5 * frequency / ratio * LARGEST_ERROR_RAD, "none: that of half a turn"),
+        "acceleration_limit": (NO_LIMIT, "none"),
+        TRANSPORT_DELAY: (0.0, "none"),
+    }
+
+
+def chosen(kind: str, asked: str, known: Sequence[str], cure: str) -> str:
+    """Return the one that is asked for, the only one for "".
+
+    Raises:
+        UserError: there is none, several, or none of that name.
+    """
+    if not known:
+        raise UserError(f"no {kind} in it: {cure}")
+    if asked in known or (len(known) == 1 and not asked):
+        return asked or known[0]
+    what = (
+        f"no {kind} '{asked}' in it"
+        if asked
+        else f"it has more than one {kind}: name it, FILE#NAME"
+    )
+    raise UserError(f"{what}; {did_you_mean(asked, known)}")
+
+
+def numbers(text: str, count: int, what: str) -> list[float]:
+    """Return ``count`` finite numbers of an attribute.
+
+    Raises:
+        UserError: others.
+    """
+    with contextlib.suppress(ValueError):
+        found = [float(word) for word in text.split()]
+        if len(found) == count and all(abs(number) < LARGEST for number in found):
+            return found
+    amount = "a number" if count == 1 else f"{count} numbers"
+    raise UserError(f"{what} is '{text:.40}': give {amount}")

@@ -1,0 +1,201 @@
+"""An actuator as a simulator sees it: a goal angle and a load in, an angle out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from servo_models.core.block import Block
+from servo_models.core.catalogue import effects
+from servo_models.core.plant import Wire
+from servo_models.core.simulate import Model, simulate, with_output
+from servo_models.core.types import Array, Mask
+from servo_models.data.log import Log
+from servo_models.errors import UserError
+from servo_models.identification.simulation import prepared
+from servo_models.simulators.simulator import EXACT, NO_FIELD, OF_JOINTS
+
+INERTIA, LOAD = "shaft_inertia", "load"
+"""Wires of every plant with a shaft, see ``actuators/shaft.py``."""
+SMALL_STEP = 0.1  # of the standard step
+SWEEP_PERIODS = 8.0
+LOAD_SHARE = 0.2  # of the full scale of the load
+LONGEST_STEP_S = 0.005
+
+
+@dataclass(frozen=True)
+class Run:
+    """What an actuator did.
+
+    Attributes:
+        name: of the log, "" for the standard excitation.
+        times: rows [s], shape (n,).
+        goal, load: angle [rad] and torque against positive motion [N m], held from each row on.
+        angle: of the diagnosed model [rad] at each row.
+        counted: rows that a fit and a score see.
+        measured, nominal: angles [rad] that the log has and the nominal model gives; None without.
+    """
+
+    name: str
+    times: Array
+    goal: Array
+    load: Array
+    angle: Array
+    counted: Mask
+    measured: Array | None = None
+    nominal: Array | None = None
+
+
+@dataclass(frozen=True)
+class Servo:
+    """A model with its command and angle.
+
+    Attributes:
+        model: diagnosed.
+        command: the input that it follows.
+        angle: the output.
+        slope, zero: of goal [rad] = slope (command - zero).
+        inertia: of all that turns [kg m^2].
+    """
+
+    model: Model
+    command: Wire
+    angle: str
+    slope: float
+    zero: float
+    inertia: float
+
+    def goal(self, command: Array) -> Array:
+        """Return the goal angle [rad] of a command [SI]."""
+        return np.asarray(self.slope * (command - self.zero))
+
+    def active(self) -> dict[str, str]:
+        """Return the catalogue's name of each effect that is on, by that of its place."""
+        plant, values = self.model.plant, self.model.values
+        on = [it for it in plant.placements if any(values[n] for n in _switches(self.model, it))]
+        return {name: _catalogued(plant.main(name).effect) for name in on}
+
+    def loads(self) -> Model:
+        """Return the model whose wire ``load`` has what other bodies put on a joint."""
+        plant = self.model.plant
+        off = {
+            switch: 0.0
+            for name, effect in self.active().items()
+            if any(LOAD in link.on for link in plant.placements[name])
+            and OF_JOINTS.get(effect, NO_FIELD).degree != EXACT
+            for switch in _switches(self.model, name)
+        }
+        return with_output(replace(self.model, values={**self.model.values, **off}), LOAD)
+
+
+def _catalogued(effect: Block) -> str:
+    """The catalogue's name of an effect, its own where it is one of your own."""
+    return next((name for name, blocks in effects().items() if effect in blocks), effect.name)
+
+
+def _switches(model: Model, place: str) -> list[str]:
+    """Names of the parameters that are all 0 where an effect is off."""
+    known = dict(zip(model.flat.params, model.values))
+    return [known[text] for text in model.flat.switches.get(place, ())]
+
+
+def servo_of(model: Model, logged: Sequence[Log] = ()) -> Servo:
+    """Return a model as a servo.
+
+    Raises:
+        UserError: its command is no angle or pulse, or its output no angle.
+    """
+    plant = model.plant
+    wires = {wire.name: wire for wire in plant.inputs}
+    usual = model.actuator.variant(model.variant).command or model.actuator.step[0]
+    given = [it for log in logged for it in log.inputs if wires[it].unit in ("rad", "s")]
+    command = wires[next((it for it in given if not wires[it].flag), usual)]
+    shaft = plant.terminals.get("shaft", ())
+    angles = [it for it in shaft if it in plant.outputs and plant.wire[it].unit == "rad"]
+    if command.unit not in ("rad", "s") or not angles or INERTIA not in plant.wire:
+        raise UserError(
+            f"'{model.actuator.name}' follows '{command.name}' [{command.unit}] and no goal angle,"
+            " so no position servo of a simulator is like it: build its FMU ('servo-models build"
+            " --params')"
+        )
+    inertia = float(simulate(with_output(model, INERTIA), [0.0])[INERTIA][0])
+    if command.unit == "rad":
+        return Servo(model, command, angles[0], 1.0, 0.0, inertia)
+    size = model.actuator.step[1] - float(command.rest)
+    off = {switch: 0.0 for place in plant.placements for switch in _switches(model, place)}
+    plain = replace(model, values={**model.values, **off})
+    ends = [float(command.rest) + side * size for side in (-1.0, 1.0)]
+    low, high = (_settled(plain, command.name, end, angles[0]) for end in ends)
+    if low == high:
+        raise UserError(f"'{command.name}' moves nothing: correct the parameters")
+    slope = (high - low) / (ends[1] - ends[0])
+    return Servo(model, command, angles[0], slope, ends[0] - low / slope, inertia)
+
+
+def _settled(model: Model, command: str, value: float, angle: str) -> float:
+    times = np.array([0.0, model.stop_time])
+    return float(simulate(model, times, {command: value})[angle][-1])
+
+
+def excited(servo: Servo, loaded: bool) -> Run:
+    """Return the response to steps, large and small, one under load, and to a sweep of sines.
+
+    Without ``loaded`` there is no load.
+    """
+    model, wire = servo.model, servo.command
+    step = min(model.step_size, LONGEST_STEP_S)
+    count = int(np.ceil(0.5 * model.stop_time / step))
+    size = model.actuator.step[1] - float(model.plant.wire[model.actuator.step[0]].rest)
+    if wire.name != model.actuator.step[0]:
+        size = 0.5 * wire.scale
+    held = (1.0, -1.0, -1.0 + SMALL_STEP, 0.0, 0.0, SMALL_STEP)
+    steps = np.repeat(held, count)
+    share = np.linspace(0.0, 1.0, 2 * count)
+    sweep = 0.5 * np.sin(2.0 * np.pi * SWEEP_PERIODS * share**2)
+    shape = np.concatenate([np.zeros(1), steps, sweep])
+    times = step * np.arange(len(shape), dtype=float)
+    command = float(wire.rest) + size * shape
+    inputs = {wire.name: command}
+    load = model.plant.terminals["shaft"][0]
+    torque = model.plant.wire[load]
+    inputs[load] = np.zeros(len(shape))
+    if loaded:
+        inputs[load][1 + 4 * count : 1 + 5 * count] = LOAD_SHARE * torque.scale
+    angle = simulate(model, times, inputs)[servo.angle]
+    loads = simulate(servo.loads(), times, inputs)[LOAD]
+    every = np.ones(len(times), dtype=bool)
+    return Run("", times, servo.goal(command), loads, angle, every)
+
+
+def logged(servo: Servo, nominal: Model, logs: Sequence[Log]) -> list[Run]:
+    """Return what was measured, and what the diagnosed and the nominal model give.
+
+    Raises:
+        UserError: a log without an angle of the output, or one that cannot be simulated.
+    """
+    return [_logged(servo, nominal, log) for log in logs]
+
+
+def _logged(servo: Servo, nominal: Model, log: Log) -> Run:
+    wires = nominal.plant.wire
+    angles = [k for k, name in enumerate(log.outputs) if wires[name].unit == "rad"]
+    if not angles:
+        raise UserError(f"log '{log.name}' has no angle to compare with: add a column of one")
+    values: Mapping[str, float] = servo.model.values
+    run = prepared(servo.model, log)
+    (found, before) = (
+        it.outputs(it.model.values)[:, angles[0]] for it in (run, prepared(nominal, log))
+    )
+    load = prepared(servo.loads(), log).signal(LOAD, {})
+    return Run(
+        log.name,
+        log.times,
+        servo.goal(run.signal(servo.command.name, values)),
+        load,
+        found,
+        log.fitted | log.checked,
+        [*log.outputs.values()][angles[0]],
+        before,
+    )
