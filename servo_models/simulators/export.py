@@ -112,7 +112,7 @@ def export(
         logs = with_starts(described.model, described.logs)
         model = replace(model, values={**model.values, **_stated(model, logs)})
         servo = servo_of(model, logs)
-        runs = logged(servo, described.model, logs)
+        runs = [logged(servo, described.model, it) for it in logs]
     else:
         servo = servo_of(model)
         runs = [excited(servo, simulator.loaded)]

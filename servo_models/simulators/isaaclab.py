@@ -21,7 +21,7 @@ import numpy as np
 
 from servo_models.core.types import Array
 from servo_models.errors import UserError
-from servo_models.simulators.reading import LARGEST, TRANSPORT_DELAY, chosen, servo
+from servo_models.simulators.reading import FASTEST, LARGEST, TRANSPORT_DELAY, chosen, servo
 from servo_models.simulators.simulator import (
     APPROXIMATE,
     DELAY,
@@ -106,12 +106,16 @@ HOLDS: Mapping[str, Held] = {
 }
 
 
+NO_LIMIT = 1e9
+LIMITS = ("effort_limit", "velocity_limit_sim")
+"""Fields that are those of the USD file where nobody says that there is none."""
+
+
 def lines(values: Mapping[str, float], step: float, inertia: float) -> str:
     """The configuration of a group of one joint."""
-    names = [it.name for it in FIELDS if it.name != DELAY and values[it.name]]
-    told = {"stiffness": values["stiffness"], "damping": 0.0, "armature": inertia}
-    told |= {name: values[name] for name in names}
-    told |= {"min_delay": values[DELAY], "max_delay": values[DELAY]}
+    told = {it.name: values[it.name] for it in FIELDS if it.name != DELAY}
+    told |= {name: values[name] or NO_LIMIT for name in LIMITS}
+    told |= {"armature": inertia, "min_delay": values[DELAY], "max_delay": values[DELAY]}
     inner = "".join(f"    {name}={value:.5g},\n" for name, value in told.items())
     return (
         f"# physics steps of {step:.6g} s; armature holds the inertia of all that turns: take off"
@@ -175,7 +179,7 @@ def read(content: bytes, joint: str, inertia: float) -> Nominal:
     damping = value("damping")
     found = servo(value("stiffness"), damping, 0.0, value(*EFFORT), carried, origin)
     if value(*SPEED):
-        found["speed_limit"] = (value(*SPEED), f"{SPEED[0]} of {origin}")
+        found["speed_limit"] = (min(value(*SPEED), FASTEST), f"{SPEED[0]} of {origin}")
     found["coulomb_friction.level"] = (value("friction"), f"friction of {origin}")
     steps = 0.5 * (value("min_delay") + value("max_delay"))
     told = f"mean delay of {origin}, {steps:g} steps of {SIMULATOR.step:g} s: scale it to yours"

@@ -13,7 +13,7 @@ from servo_models.errors import UserError, did_you_mean
 
 TRANSPORT_DELAY = "transport_delay.time"
 LEAST_RATIO = 0.05  # damping ratio of our servo
-NO_LIMIT = 1e7  # rad/s2
+FASTEST, NO_LIMIT = 1e4, 1e7  # rad/s and rad/s2, the most of our servo
 LARGEST_ERROR_RAD = math.pi  # up to which a servo without a limit of speed has none
 FAST = 1000.0  # rad/s
 LARGEST = 1e30  # of a number in a file; what is larger, infinite or NaN is none
@@ -70,9 +70,11 @@ def servo(
     found["damping_ratio"] = (ratio, told)
     found["inertia"] = (inertia, f"armature of {origin}, and --inertia")
     if effort > 0.0 and free > 0.0 and not apart:
-        found["speed_limit"] = (effort / damping, f"force limit of {origin} / damping")
+        speed = min(effort / damping, FASTEST)
+        found["speed_limit"] = (speed, f"force limit of {origin} / damping")
     elif effort > 0.0:
-        found["acceleration_limit"] = (effort / inertia, f"force limit of {origin} / inertia")
+        acceleration = min(effort / inertia, NO_LIMIT)
+        found["acceleration_limit"] = (acceleration, f"force limit of {origin} / inertia")
     if apart:
         drag = free * found["speed_limit"][0]
         found["viscous_friction.torque"] = (drag, f"damping of {origin} x speed_limit")
@@ -84,10 +86,11 @@ def follower(origin: str, frequency: float = FAST, ratio: float = 1.0) -> Values
 
     ``frequency`` [rad/s]; by default so fast that it adds no more than 2 ms.
     """
+    speed = 0.5 * frequency / ratio * LARGEST_ERROR_RAD
     return {
         "natural_frequency": (frequency, origin),
         "damping_ratio": (ratio, origin),
-        "speed_limit": (0.5 * frequency / ratio * LARGEST_ERROR_RAD, "none: that of half a turn"),
+        "speed_limit": (min(speed, FASTEST), "none: that of half a turn"),
         "acceleration_limit": (NO_LIMIT, "none"),
         TRANSPORT_DELAY: (0.0, "none"),
     }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -169,33 +169,24 @@ def excited(servo: Servo, loaded: bool) -> Run:
     return Run("", times, servo.goal(command), loads, angle, every)
 
 
-def logged(servo: Servo, nominal: Model, logs: Sequence[Log]) -> list[Run]:
+def logged(servo: Servo, nominal: Model, log: Log) -> Run:
     """Return what was measured, and what the diagnosed and the nominal model give.
 
     Raises:
         UserError: a log without an angle of the output, or one that cannot be simulated.
     """
-    return [_logged(servo, nominal, log) for log in logs]
-
-
-def _logged(servo: Servo, nominal: Model, log: Log) -> Run:
     wires = nominal.plant.wire
-    angles = [k for k, name in enumerate(log.outputs) if wires[name].unit == "rad"]
-    if not angles:
+    place = next((k for k, it in enumerate(log.outputs) if wires[it].unit == "rad"), None)
+    if place is None:
         raise UserError(f"log '{log.name}' has no angle to compare with: add a column of one")
-    values: Mapping[str, float] = servo.model.values
-    run = prepared(servo.model, log)
-    (found, before) = (
-        it.outputs(it.model.values)[:, angles[0]] for it in (run, prepared(nominal, log))
-    )
-    load = prepared(servo.loads(), log).signal(LOAD, {})
+    run, before = prepared(servo.model, log), prepared(nominal, log)
     return Run(
         log.name,
         log.times,
-        servo.goal(run.signal(servo.command.name, values)),
-        load,
-        found,
+        servo.goal(run.signal(servo.command.name, {})),
+        prepared(servo.loads(), log).signal(LOAD, {}),
+        run.outputs({})[:, place],
         log.fitted | log.checked,
-        [*log.outputs.values()][angles[0]],
-        before,
+        [*log.outputs.values()][place],
+        before.outputs({})[:, place],
     )

@@ -13,6 +13,7 @@ from servo_models.core.simulate import simulate
 from servo_models.data.parameters import read_parameters, write_parameters
 from servo_models.diagnosis.diagnose import diagnose
 from servo_models.errors import UserError
+from servo_models.simulators import simulator
 from servo_models.simulators.nominal import nominal
 from tests.conftest import Run
 from tests.support.engines import mujoco_angles
@@ -138,6 +139,18 @@ def test_an_actuator_of_jsbsim_in_degrees(tmp_path: Path) -> None:
     assert found["command_offset.value"] == pytest.approx(math.radians(1.5))
     assert found["command_lag.time_constant"] == 0.05
     assert found["transport_delay.time"] == pytest.approx(5.0 / 120.0)  # as its engine runs six
+
+
+def test_what_is_exported_can_be_read_again(tmp_path: Path) -> None:
+    """A joint without limits, as a configuration writes it: a limit that no joint reaches."""
+    fields = {it.name: 0.0 for it in simulator("isaaclab").fields}
+    lines = simulator("isaaclab").lines({**fields, "stiffness": 9.0, "damping": 0.5}, 0.005, 0.01)
+    path = tmp_path / "again.py"
+    path.write_text(f"CFG = {{{lines}}}")
+    found = nominal(str(path)).settings()
+    assert found["natural_frequency"] == pytest.approx(30.0)
+    assert found["damping_ratio"] == pytest.approx(0.5 / (2.0 * 30.0 * 0.01))
+    assert (found["speed_limit"], found["acceleration_limit"]) == (1e4, 1e7)
 
 
 def test_parameters_of_ardupilot(tmp_path: Path) -> None:
