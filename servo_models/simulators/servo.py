@@ -116,9 +116,9 @@ def servo_of(model: Model, logged: Sequence[Log] = ()) -> Servo:
     angles = [it for it in shaft if it in plant.outputs and plant.wire[it].unit == "rad"]
     if command.unit not in ("rad", "s") or not angles or INERTIA not in plant.wire:
         raise UserError(
-            f"'{model.actuator.name}' follows '{command.name}' [{command.unit}] and no goal angle,"
-            " so no position servo of a simulator is like it: build its FMU ('servo-models build"
-            " --params')"
+            f"'{model.actuator.name}' is no servo that takes a goal angle, or a pulse, and moves a"
+            f" shaft (its command is '{command.name}' [{command.unit}]): build its FMU"
+            " ('servo-models build --params')"
         )
     inertia = float(simulate(with_output(model, INERTIA), [0.0])[INERTIA][0])
     if command.unit == "rad":

@@ -111,7 +111,7 @@ def test_what_cannot_be_exported_is_told_with_the_cure(tmp_path: Path, run: Run)
         ([path, "--to", "mujoco", "--log", bench], "is of 'sg90', variant 'measured'"),
         ([path, "--to", "mujoco", "--out", path], "is read, not written"),
         ([tmp_path / "none.toml", "--to", "mujoco"], "none.toml"),
-        ([written(motor, {}, "torque_motor"), "--to", "mujoco"], "no goal angle"),
+        ([written(motor, {}, "torque_motor"), "--to", "mujoco"], "build its FMU"),
     ):
         code, out, err = run("export", *words)
         assert (code, out) == (2, "")
