@@ -10,6 +10,7 @@ from fmu_src.variables import start_of
 from servo_models.analysis.explain import actuator_sheet
 from servo_models.analysis.live import DRIVE, live_model, with_panel
 from servo_models.core.simulate import Model
+from servo_models.errors import UserError
 from servo_models.report.html import page
 from servo_models.report.live import Live
 
@@ -28,6 +29,6 @@ def index_html(model: Model, form: Form) -> str:
         *sheet.remarks,
     )
     told = replace(sheet, remarks=texts)
-    with suppress(ValueError):  # a block has no form in JavaScript; FMUs in Python have it
+    with suppress(UserError):  # a block has no form in JavaScript; FMUs in Python have it
         told = with_panel(told, Live("Drive it", DRIVE, (live_model(model),)))
     return page(told)

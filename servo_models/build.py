@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from fmu_src.archive import python_entries, write_archive
@@ -24,7 +25,8 @@ def build(model: Model, path: str | Path, kind: str = PYTHON) -> Path:
 
     The chosen parameter values become the start values; the FMU simulates the same text as
     ``Model.run``, bit for bit.  The same model gives the same bytes, of a native FMU with the
-    same compiler.
+    same compiler.  Of a simulation that is not ours it has the effects around it, to be connected
+    with it.
 
     Args:
         model: from ``servo_models.core.simulate.model``.
@@ -48,6 +50,8 @@ def build(model: Model, path: str | Path, kind: str = PYTHON) -> Path:
         raise UserError(f"'{target}' is no name for an FMU: let it end in .fmu")
     if kind not in KINDS:
         raise UserError(f"'{kind}' is no kind of FMU: choose one of {', '.join(KINDS)}")
+    # of a simulation that is not ours, the effects around it
+    model = replace(model, actuator=replace(model.actuator, inner=None))
     if kind == PYTHON:
         entries = python_entries(model)
     else:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import fmpy
 import numpy as np
 import pytest
 from hypothesis import given
@@ -18,6 +19,7 @@ from servo_models.foreign.box import finer, held
 from tests.conftest import Run
 
 FIRST_ORDER = """
+import fmpy
 import numpy as np
 
 INPUTS = {"goal": "90 deg"}
@@ -237,3 +239,69 @@ def test_commands_take_a_simulation_where_they_take_an_actuator(tmp_path: Path, 
     code, _, err = run("explore", path, "--no-show", "--out", tmp_path / "page.html")
     assert code == 2
     assert "no page can hold it" in err
+
+
+class Coupled:
+    """An FMU stepped by fmpy, by the names of its variables."""
+
+    def __init__(self, file: Path, start: dict[str, float]) -> None:
+        told = fmpy.read_model_description(str(file))
+        self.references = {it.name: it.valueReference for it in told.modelVariables}
+        self.slave = fmpy.instantiate_fmu(fmpy.extract(str(file)), told, "CoSimulation")
+        self.slave.setupExperiment(startTime=0.0)
+        self.slave.enterInitializationMode()
+        self.set(start)
+        self.slave.exitInitializationMode()
+
+    def set(self, values: dict[str, float]) -> None:
+        self.slave.setReal([self.references[name] for name in values], list(values.values()))
+
+    def get(self, name: str) -> float:
+        return float(self.slave.getReal([self.references[name]])[0])
+
+
+@pytest.mark.thorough
+def test_an_fmu_is_corrected_by_the_fmu_around_it(tmp_path: Path) -> None:
+    """A servo as FMU, of which the rig has play: diagnosed, and both FMUs stepped by fmpy."""
+    rig = {"natural_frequency": 31.0, "damping_ratio": 0.8, "transport_delay.time": 0.0}
+    white = model("second_order_servo", "bus", {**rig, "natural_frequency": 30.0})
+    build(white, tmp_path / "servo.fmu", "native")
+    times = np.arange(0.0, 4.0, 0.005)
+    goal = 0.5 * np.sin(2.0 * np.pi * (0.5 * times + 0.3 * times**2))
+    goal[:200] = np.repeat([0.0, 0.4, -0.3, 0.2], 50)
+    rest = {"pulse_width": 1.5e-3}
+    exact = simulate(model("second_order_servo", "bus", rig), times, {"goal": goal, **rest})[
+        "angle"
+    ]
+    read = exact.copy()
+    for k in range(1, len(times)):
+        read[k] = np.clip(read[k - 1], exact[k] - 0.02, exact[k] + 0.02)
+    read += 1e-3 * np.random.default_rng(2).standard_normal(len(times))
+    table = np.column_stack([times, goal, read])
+    np.savetxt(tmp_path / "log.csv", table, delimiter=",", header="t,goal,angle", comments="")
+    (tmp_path / "rig.toml").write_text(
+        'actuator = "servo.fmu"\n[uncertainty]\nnatural_frequency = "10 %"\n[[logs]]\n'
+        'file = "log.csv"\ntime = { column = "t", unit = "s" }\n'
+        "constants = { pulse_width = 1.5e-3 }\n"
+        'inputs.goal = { column = "goal", unit = "rad" }\n'
+        'outputs.angle = { column = "angle", unit = "rad" }\n'
+    )
+    found = diagnose(tmp_path / "rig.toml", jobs=1, quick=True)
+    assert found.selection.taken.effects == ("backlash",)
+    build(found.fitted, tmp_path / "around.fmu", "native")
+    inner = Coupled(
+        tmp_path / "servo.fmu",
+        {"natural_frequency": found.fitted.values["natural_frequency"], **rest, "goal": goal[0]},
+    )
+    around = Coupled(tmp_path / "around.fmu", {"goal": goal[0]})
+    told, before = np.zeros(len(times)), 0.0
+    for k in range(len(times) - 1):
+        inner.set({"goal": around.get("sent_goal") if k else goal[0]})
+        inner.slave.doStep(times[k], 0.005)
+        angle = inner.get("angle")
+        rate = (angle - before) / 0.005
+        around.set({"goal": goal[k + 1], "simulated_angle": angle, "simulated_angle_rate": rate})
+        around.slave.doStep(times[k], 0.005)
+        told[k + 1], before = around.get("angle"), angle
+    assert np.std(told - read) < 1.2e-3
+    assert np.std(exact - read) > 5e-3
