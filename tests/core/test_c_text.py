@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 
 import fmpy
@@ -12,10 +11,8 @@ from fmpy.fmi1 import FMICallException
 
 from servo_models.build import NATIVE, build
 from servo_models.core.c_text import c_text
-from servo_models.core.compiled import plain_make
 from servo_models.core.compilers import compiler
 from servo_models.core.simulate import Model, model
-from servo_models.core.stepper import step_text
 from tests.support.fmu_host import Host
 from tests.support.own_actuators import write
 
@@ -199,31 +196,3 @@ def test_what_has_no_form_in_c_is_named(expression: str, tmp_path: Path) -> None
     chosen = joint(tmp_path, f"return {expression}")
     with pytest.raises(ValueError, match=NO_FORM[expression]):
         c_text(chosen.flat)
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        "sg90",
-        "torque_motor",
-        "linear_drive",
-        "smart_servo",
-        "second_order_servo",
-        "dc_motor",
-        "dc_motor_current",
-        "dc_motor_speed",
-    ],
-)
-def test_the_guarded_text_steps_as_the_one_without_what_is_off(name: str) -> None:
-    """The text that C is written from, in Python."""
-    chosen = model(name)
-    values = list(chosen.values.values())
-    start, step = chosen.stepper()
-    guarded_start, guarded_step = plain_make(step_text(chosen.flat, guarded=True))(values)
-    one, other = start(), guarded_start()
-    assert guarded_step.internal_step == step.internal_step
-    inputs = [float(wire.rest) + 0.1 * wire.scale for wire in chosen.plant.inputs]
-    size = chosen.step_size
-    for k in range(40):
-        assert step(one, inputs, k * size, size) == guarded_step(other, inputs, k * size, size)
-    assert not any(map(math.isnan, one))

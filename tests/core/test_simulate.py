@@ -69,28 +69,6 @@ def test_runs_in_threads_do_not_disturb_each_other() -> None:
     assert all(np.array_equal(one["angle"], other) for one, other in zip(at_once, alone))
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "sg90",
-        "torque_motor",
-        "linear_drive",
-        "smart_servo",
-        "second_order_servo",
-        "dc_motor",
-        "dc_motor_current",
-        "dc_motor_speed",
-    ],
-)
-def test_the_state_at_rest_is_that_of_the_plain_stepper(name: str) -> None:
-    """Where an effect is neutral its memory is not looked at; here all are compared that are."""
-    chosen = model(name)
-    plain, compiled = np.array(chosen.stepper()[0]()), chosen.start()
-    assert plain.shape == compiled.shape
-    at_rest = plain != 0.0
-    assert compiled[at_rest].tolist() == plain[at_rest].tolist()
-
-
 def test_one_time_gives_the_outputs_at_rest() -> None:
     found = simulate(model("sg90"), [0.0])
     assert found["angle"].tolist() == [0.0]

@@ -158,42 +158,6 @@ def test_the_loop_of_a_light_carriage_in_thick_oil_arrives() -> None:
     assert np.abs(found["speed"]).max() < 350.0 / 850.0 * 1.01
 
 
-STIFF = [
-    ("linear_drive", "identified", {"mass": 0.1, "viscous_coefficient": 850.0}),
-    ("linear_drive", "identified", {"mass": 0.1, "viscous_coefficient": 1e4}),
-    ("smart_servo", "xl330", {"inertia": 1e-5}),
-    ("torque_motor", "measured", {"rotor_inertia": 1e-8, "friction_coefficient": 2e-3}),
-    ("sg90", "printed", {"motor_time_constant": 1e-3, "viscous_friction.torque": 0.36}),
-]
-
-
-@pytest.mark.parametrize(("name", "variant", "values"), STIFF)
-def test_plain_python_follows_as_the_compiled_run_does(
-    name: str, variant: str, values: dict[str, float]
-) -> None:
-    """To the last bit, or refused in the same words."""
-    chosen = model(name, variant, values)
-    column, size = chosen.actuator.step
-    row = [size if wire.name == column else float(wire.rest) for wire in chosen.plant.inputs]
-    times = chosen.step_size * np.arange(13)
-    words = ""
-    try:
-        compiled = chosen.run(times, np.tile(row, (len(times), 1)))
-    except UserError as error:
-        words = str(error)
-    start, step = chosen.stepper()
-    x, plain = start(), []
-    for before, t in zip([0.0, *times.tolist()], times.tolist()):
-        code, outputs = step(x, row, before, t - before)
-        if code:
-            assert code == chosen.flat.too_fast
-            assert f"internal_step = {x[0]:.1g} s" in words
-            return
-        plain.append(outputs)
-    assert words == ""
-    assert np.array_equal(compiled, np.array(plain))
-
-
 @pytest.mark.thorough
 @pytest.mark.parametrize(
     "variant", ["identified", "measured", "printed", "oscillatory_motor", "xl330"]

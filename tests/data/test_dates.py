@@ -149,13 +149,6 @@ def test_dates_of_another_form_have_the_right_one_named(
     assert message.endswith(mixed if row else "; write dates as 2024-05-01T12:00:00")
 
 
-def test_a_date_in_a_column_of_readings_is_no_matter_of_its_form(tmp_path: Path) -> None:
-    table = [*TABLE[:3], (*TABLE[3][:2], "2024-05-01"), *TABLE[4:]]
-    message = complaint(tmp_path, data=text_of(table))
-    assert "row 5, column 'angle_deg': '2024-05-01' is not a number" in message
-    assert message.endswith("; correct it or remove the row")
-
-
 def test_numbers_that_are_no_dates_are_to_be_corrected(tmp_path: Path) -> None:
     for text in ("1.2.3", "1.2.3.4", "12-5", "1/2", "10.1.1.250"):
         message = complaint(tmp_path, log=DATED, data=rows([text, *range(1, 20)]))
@@ -166,16 +159,6 @@ def test_dates_have_no_unit(tmp_path: Path) -> None:
     data = rows(stamps("%Y-%m-%dT%H:%M:%S.%f"))
     unit = DATED.replace('"stamp"', '{ column = "stamp", unit = "ms" }')
     assert "logs[1].time.unit: the column holds dates" in complaint(tmp_path, log=unit, data=data)
-
-
-def test_dates_in_whole_milliseconds_of_a_faster_clock(tmp_path: Path) -> None:
-    times = [FIRST + dt.timedelta(milliseconds=round(1.3 * k)) for k in range(400)]
-    table = [
-        (time.isoformat(timespec="milliseconds"), k % 3, 0.1 * k) for k, time in enumerate(times)
-    ]
-    log = describe(tmp_path, DATED, data=text_of(table, HEADER)).logs[0]
-    assert log.times == pytest.approx(1.3e-3 * np.arange(400))
-    assert "every 1.3 ms" in log.notes[0]
 
 
 def test_files_with_a_type_for_times(tmp_path: Path) -> None:

@@ -63,14 +63,6 @@ def test_a_description_that_is_there_is_named_before_another_is_begun(run: Run, 
         assert f"no description; there is one: '{told}'" in err
 
 
-def test_a_description_without_logs_is_refused(run: Run, tmp_path: Path) -> None:
-    path = tmp_path / "records.toml"
-    path.write_text('actuator = "torque_motor"\n[[sweeps]]\nfile = "sweep.csv"\n')
-    code, _, err = run("check", path)
-    assert code == 2
-    assert "add [[logs]]" in err
-
-
 def write(table: pl.DataFrame, path: Path) -> None:
     if path.suffix == ".parquet":
         table.write_parquet(path)
@@ -343,15 +335,6 @@ def test_an_index_is_no_unit_and_what_is_left_out_is_told(run: Run, tmp_path: Pa
     ):
         assert sentence in out.splitlines()
         assert f"# {sentence}" in draft_text.splitlines()
-
-
-def test_a_column_of_words_is_no_warning(run: Run, csv: Path) -> None:
-    rows = csv.read_text().splitlines()
-    csv.write_text("\n".join([f"{rows[0]},state", *(f"{row},running" for row in rows[1:])]))
-    code, out, _ = run("check", csv, "--init")
-    assert code == 0
-    assert "Warning" not in out
-    assert '"state"' in csv.with_suffix(".toml").read_text()
 
 
 def episode(rows: int = 200) -> tuple[list[dict[str, object]], np.ndarray, np.ndarray]:

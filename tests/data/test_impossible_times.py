@@ -11,7 +11,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from servo_models.core.simulate import model, simulate
 from servo_models.errors import UserError
 from servo_models.units import exponents, factor, parse
 from tests.conftest import Run
@@ -113,14 +112,6 @@ def test_rows_that_no_clock_tells_apart(tmp_path: Path, run: Run, step: float) -
     assert "correct the unit" in err
 
 
-@pytest.mark.parametrize("command", ["check", "identify", "diagnose"])
-def test_two_rows_that_no_clock_tells_apart(tmp_path: Path, run: Run, command: str) -> None:
-    times = np.insert(SANE[:-1], 1, 5e-324)
-    code, out, err = run(command, record(tmp_path, times))
-    assert (code, out) == (2, "")
-    assert "log.csv', row 3, column 't': time moves from 0.0 s to 5e-324 s, as no clock does" in err
-
-
 def test_a_pause_is_no_jump(tmp_path: Path, run: Run) -> None:
     times = SANE.copy()
     times[70:] += 5.0
@@ -134,11 +125,6 @@ def test_a_table_of_inputs_that_never_ends(tmp_path: Path, run: Run) -> None:
     assert "pulses.csv', rows counted from 0" in err
     assert "internal steps" in err
     assert "follows row 1" in err
-
-
-def test_a_run_that_never_ends_is_refused_in_python() -> None:
-    with pytest.raises(UserError, match="choose a longer internal_step"):
-        simulate(model("torque_motor"), [0.0, 1e9], {"voltage": 1.0})
 
 
 # Units

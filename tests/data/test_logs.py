@@ -15,9 +15,12 @@ import polars as pl
 import pytest
 import scipy.io
 from hypothesis import given, settings
+from hypothesis import strategies as st
 
+from servo_models.data.description import read_description
 from servo_models.data.readers import read_columns
 from servo_models.errors import UserError
+from tests.support.descriptions import HEAD, LOG, TABLE
 from tests.support.files import ROWS, complaint, file
 
 
@@ -62,25 +65,6 @@ def test_json_lists(
     document = {"rig": "a", "data": {"t": times, "u": values}}
     path = file(tmp_path_factory.getbasetemp(), json.dumps(document), "log.json")
     assert np.array_equal(read_columns(path).numbers("data.u"), values)
-
-
-@pytest.mark.parametrize(
-    ("content", "column", "said"),
-    [
-        ('[{"t": 0},\n {"t": }]', "t", "row 2: no JSON"),
-        ('{"rig": "a"}', "t", "no records"),
-        ("[]", 1, "no rows"),
-        ('[{"t": 0, "u": 1}, {"t": 1}]', "u", "row 2, column 'u' is empty"),
-        ('[{"t": 0}, {"t": "late"}]', "t", "row 2, column 't': 'late' is not a number"),
-        ('[{"t": 0}, {"t": NaN}]', "t", "row 2, column 't': 'nan' is not finite"),
-        ('[{"t": 1%s}]' % ("0" * 400), "t", "row 1, column 't': 'inf' is not finite"),
-        (b"\xff\xfe\x00", "t", "damaged"),
-    ],
-)
-def test_a_fault_of_json_is_named(
-    tmp_path: Path, content: str | bytes, column: str | int, said: str
-) -> None:
-    assert said in complaint(file(tmp_path, content, "log.json"), column)
 
 
 MEASURED: dict[str, Any] = {
@@ -275,3 +259,234 @@ def test_a_missing_file_and_another_kind(tmp_path: Path) -> None:
     assert "cannot read" in complaint(tmp_path / "absent.csv")
     assert ".mcap" in complaint(file(tmp_path, "t\n0\n", "log.xlsx"))
     assert "no table 'x'" in complaint(file(tmp_path, "t\n0\n"), table="x")
+
+
+@pytest.mark.parametrize("mark", [".", ","])
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+@pytest.mark.parametrize("header", [None, "time,s", "# made by hand"])
+@settings(deadline=None, max_examples=30)
+@given(rows=ROWS)
+def test_every_dialect_gives_the_numbers_back(
+    tmp_path_factory: pytest.TempPathFactory,
+    mark: str,
+    separator: str,
+    header: str | None,
+    rows: list[tuple[float, float]],
+) -> None:
+    if mark == separator:
+        return
+    lines = [separator.join(repr(cell).replace(".", mark) for cell in row) for row in rows]
+    if header:
+        lines.insert(0, header.replace(",", separator))
+    columns = read_columns(file(tmp_path_factory.getbasetemp(), "\r\n".join(lines)))
+    assert np.array_equal(np.column_stack([columns.numbers(1), columns.numbers(2)]), rows)
+    assert columns.names == (("time", "s") if header == "time,s" else ("1", "2"))
+    assert columns.first_row == (2 if header else 1)
+
+
+@pytest.mark.parametrize(
+    ("content", "names", "first_row"),
+    [
+        ("\ufefft,u\n0,1\n", ("t", "u"), 2),
+        ('"t [s]";"u, raw"\n"0";"1"\n', ("t [s]", "u, raw"), 2),
+        ('t,note,u\n0,"stuck, again",1\n', ("t", "note", "u"), 2),
+        ("# rig 3\n\n# 2 supplies\nt,u\n0,1\n", ("t", "u"), 5),
+        ("t\n0\n1\n", ("t",), 2),
+        ("0;ok;1\n1;ok;2\n", ("1", "2", "3"), 1),
+        ("t;ok;7\n1;ok;2\n", ("t", "ok", "7"), 2),
+        ("t\tu\n", None, None),
+    ],
+)
+def test_headers_are_found(
+    tmp_path: Path, content: str, names: Sequence[str] | None, first_row: int | None
+) -> None:
+    path = file(tmp_path, content)
+    if names is None:
+        assert "no rows" in complaint(path)
+    else:
+        columns = read_columns(path)
+        assert (columns.names, columns.first_row) == (names, first_row)
+
+
+def test_the_header_that_numpy_writes_in_a_comment_is_one(tmp_path: Path) -> None:
+    path, values = tmp_path / "log.txt", np.array([[0.0, 1.5], [0.1, 1 / 3]])
+    np.savetxt(path, values, delimiter=",", header="t,u", fmt="%.17g")
+    columns = read_columns(path)
+    assert columns.names == ("t", "u")
+    assert np.array_equal(columns.numbers("u"), values[:, 1])
+
+
+def test_a_header_of_numbers_can_be_told(tmp_path: Path) -> None:
+    path = file(tmp_path, "1,2\n5,6\n")
+    assert list(read_columns(path).numbers(2)) == [2.0, 6.0]
+    assert list(read_columns(path, header=True).numbers("2")) == [6.0]
+    assert "row 1, column '1': 't' is not a number" in complaint(
+        file(tmp_path, "t,u\n0,1\n"), header=False
+    )
+
+
+def test_only_the_columns_asked_for_need_be_clean(tmp_path: Path) -> None:
+    columns = read_columns(file(tmp_path, "t,note,u,gap\n0,start,1,\n1,nan,2,3\n"))
+    assert list(columns.numbers("u")) == [1.0, 2.0]
+    assert list(columns.numbers("gap", slice(1, None))) == [3.0]
+
+
+@settings(deadline=None, max_examples=40)
+@given(data=st.data(), count=st.integers(2, 20), comments=st.integers(0, 3))
+def test_a_bad_cell_is_found_in_the_row_that_an_editor_shows(
+    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject, count: int, comments: int
+) -> None:
+    row = data.draw(st.integers(0, count - 1))
+    bad = data.draw(st.sampled_from(["", "volt", "NaN", "1e", "--1", "1_000", "1,2"]))
+    lines = ["# a comment"] * comments + ["t;u"] + [f"{i};1,5" for i in range(count)]
+    lines[comments + 1 + row] = f"{row};{bad}" if bad != "1,2" else f"{row};1,2,3"
+    shown = next(i for i, line in enumerate(lines, start=1) if line.startswith(f"{row};"))
+    message = complaint(file(tmp_path_factory.getbasetemp(), "\n".join(lines)), "u")
+    assert f"row {shown}, column 'u'" in message
+
+
+EPISODE = [
+    {
+        "timestamp": 0.005 * k,
+        "observation": {"state": [0.1 * k, 2.0, 3.0, float(k)], "load": {"left": k, "right": -k}},
+        "action": [float(k % 3), 0.0],
+    }
+    for k in range(20)
+]
+LINES = "\n".join(map(json.dumps, EPISODE)) + "\n"
+
+
+@pytest.mark.parametrize(
+    ("content", "name"),
+    [
+        (json.dumps(EPISODE), "log.json"),
+        (LINES, "log.jsonl"),
+        (LINES.replace("\n", "\r\n"), "log.ndjson"),
+        ("\N{BYTE ORDER MARK}" + LINES, "log.JSONL"),
+        (LINES, "log.json"),
+        (json.dumps({"fps": 200, "frames": EPISODE}), "log.json"),
+    ],
+)
+def test_columns_are_dotted_and_items_of_lists_have_their_index(
+    tmp_path: Path, content: str, name: str
+) -> None:
+    columns = read_columns(file(tmp_path, content, name))
+    assert columns.names == (
+        "timestamp",
+        *(f"observation.state[{k}]" for k in range(4)),
+        "observation.load.left",
+        "observation.load.right",
+        "action[0]",
+        "action[1]",
+    )
+    for written in ("observation.state[3]", "observation.state.3"):
+        assert list(columns.numbers(written)) == [float(k) for k in range(20)]
+    assert list(columns.numbers("observation.load.right")) == [-float(k) for k in range(20)]
+
+
+def test_a_description_names_them_either_way(tmp_path: Path) -> None:
+    (tmp_path / "log.jsonl").write_text(LINES)
+    path = tmp_path / "rig.toml"
+    nested = LOG.replace("log.csv", "log.jsonl").replace('"time_ms", unit = "ms"', '"timestamp"')
+    nested = nested.replace('"u"', '"action.0"').replace("angle_deg", "observation.state[0]")
+    path.write_text(HEAD + nested)
+    (log,) = read_description(path).logs
+    assert list(log.inputs["voltage"]) == [u for _, u, _ in TABLE]
+    assert np.rad2deg(log.outputs["angle"]) == pytest.approx([angle for *_, angle in TABLE])
+
+
+@pytest.mark.parametrize("dotted", ["q.1", "q[1]"])
+def test_a_name_that_stands_there_comes_first(tmp_path: Path, dotted: str) -> None:
+    records = [{"q.1": 1.0, "q": [5.0, 6.0]}]
+    columns = read_columns(file(tmp_path, json.dumps(records), "log.json"))
+    assert list(columns.numbers(dotted)) == [{"q.1": 1.0, "q[1]": 6.0}[dotted]]
+
+
+def test_lists_of_lists_are_columns_too(tmp_path: Path) -> None:
+    document: dict[str, Any] = {"t": [0, 1, 2], "joints": {"q": [[1, 2], [3, 4], None]}}
+    columns = read_columns(file(tmp_path, json.dumps(document), "log.json"))
+    assert columns.names == ("t", "joints.q[0]", "joints.q[1]")
+    assert list(columns.numbers("joints.q.1", slice(0, 2))) == [2.0, 4.0]
+    rows = file(tmp_path, "[0, 1.5]\n[1, 2.5]\n", "rows.jsonl")
+    assert list(read_columns(rows).numbers("[1]")) == [1.5, 2.5]
+
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.floats(allow_nan=False) | st.text(max_size=3),
+    lambda inner: (
+        st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=3), inner, max_size=3)
+    ),
+    max_leaves=6,
+)
+
+
+@pytest.mark.thorough
+@settings(deadline=None, max_examples=60)
+@given(st.lists(st.dictionaries(st.text(min_size=1, max_size=3), JSON, min_size=1), min_size=1))
+def test_lines_are_read_as_a_list_of_the_same_records(
+    tmp_path_factory: pytest.TempPathFactory, records: list[dict[str, Any]]
+) -> None:
+    folder = tmp_path_factory.getbasetemp()
+    whole = file(folder, json.dumps(records), "whole.json")
+    lines = file(folder, "\n".join(map(json.dumps, records)), "lines.jsonl")
+    try:
+        expected = read_columns(whole)
+    except Exception as error:
+        with pytest.raises(type(error)):
+            read_columns(lines)
+        return
+    found = read_columns(lines)
+    assert found.names == expected.names
+    assert all(a.equals(b, null_equal=True) for a, b in zip(found.cells, expected.cells))
+
+
+FAULTS: dict[str, list[tuple[str | bytes, str | int, list[str]]]] = {
+    "log.csv": [
+        ("", 1, ["is empty"]),
+        ("# only words\n", 1, ["is empty"]),
+        ("t,u\n0,1\n\n1,2\n", 1, ["row 3 is empty"]),
+        ("t,u\n0,1\n1\n", 1, ["row 3 has 1 cells, the header 2"]),
+        ("0;1\n1;2;3\n", 1, ["row 2 has 3 cells, the first row 2"]),
+        ("t,u\n0,\n", "u", ["row 2, column 'u' is empty"]),
+        ("#a\nt;u\n0;1\n0;1,2,3\n", "u", ["row 4, column 'u'", "'1,2,3' is not a number"]),
+        ("t,u\n0,inf\n", "u", ["row 2, column 'u'", "'inf' is not finite"]),
+        ("0,1\n1,NaN\n", 2, ["row 2, column '2'", "not finite"]),
+        ("time,volt\n0,1\n", "volts", ["no column 'volts'", "did you mean 'volt'"]),
+        ("t,u\n0,1\n", 3, ["no column 3", "1 to 2"]),
+        ("t,u\n0,1\n", 0, ["no column 0"]),
+        ("t,u,u\n0,1,2\n", "u", ["two columns 'u'", "number"]),
+        (b"t,u\n0,1\n1,\xb0\n", 1, ["row 3", "0xb0", "UTF-8"]),
+    ],
+    "log.json": [
+        ('[{"t": 0},\n {"t": }]', "t", ["row 2: no JSON"]),
+        ('{"rig": "a"}', "t", ["no records"]),
+        ("[]", 1, ["no rows"]),
+        ('[{"t": 0, "u": 1}, {"t": 1}]', "u", ["row 2, column 'u' is empty"]),
+        ('[{"t": 0}, {"t": "late"}]', "t", ["row 2, column 't': 'late' is not a number"]),
+        ('[{"t": 0}, {"t": NaN}]', "t", ["row 2, column 't': 'nan' is not finite"]),
+        ('[{"t": 1%s}]' % ("0" * 400), "t", ["row 1, column 't': 'inf' is not finite"]),
+        (b"\xff\xfe\x00", "t", ["damaged"]),
+    ],
+    "log.jsonl": [
+        ('{"t": 0}\n{"t": }\n', "t", ["row 2: no JSON"]),
+        ('{"t": 0}\n\n{"t": 1}\n', "t", ["row 2 is empty"]),
+        ('{"t": 0}\n{"t": "late"}\n', "t", ["row 2, column 't': 'late' is not a number"]),
+        ('{"t": 0}\n{"u": 1}\n', "t", ["row 2, column 't' is empty"]),
+        ("", 1, ["no rows"]),
+        ("1\n2\n", 1, ["row 1: no record"]),
+        ("[" * 100_000, "t", ["nested too deeply"]),
+    ],
+}
+"""What stands in a file, the column that is read, and the words that tell the fault."""
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "column", "said"),
+    [(name, *fault) for name, faults in FAULTS.items() for fault in faults],
+)
+def test_a_fault_of_a_file_is_named(
+    tmp_path: Path, name: str, content: str | bytes, column: str | int, said: list[str]
+) -> None:
+    message = complaint(file(tmp_path, content, name), column)
+    for words in said:
+        assert words in message

@@ -136,28 +136,6 @@ def test_each_table_of_repeat_replaces_keys_of_the_entry(tmp_path: Path) -> None
     assert names_of(describe(tmp_path, without)) == ["a", "b"]
 
 
-@pytest.mark.parametrize(
-    ("log", "said"),
-    [
-        (entry("runs/*.csv"), ["logs[1].file", "no file matches 'runs/*.csv'", "description"]),
-        (LOG.replace('"log.csv"', "3"), ["logs[1].file: no text"]),
-        (LOG + "repaet = [{}]", ["logs[1].repaet", "did you mean 'repeat'"]),
-        (LOG + "repeat = 3", ["logs[1].repeat: no list; write for example repeat = [{"]),
-        (LOG + "repeat = [3]", ["logs[1].repeat", "no list"]),
-        (LOG + "repeat = []", ["logs[1].repeat: empty"]),
-        (LOG + "repeat = [{ nmae = 1 }]", ["logs[1].repeat[1].nmae", "did you mean 'name'"]),
-        (LOG + "repeat = [{}, { name = 1 }]", ["logs[1].repeat[2].name: no text"]),
-        (LOG + "repeat = [{ window = 1 }]", ["logs[1].repeat[1].window: no pair"]),
-        (LOG + "repeat = [{ repeat = [{}] }]", ["logs[1].repeat[1].repeat", "inside"]),
-        (LOG + 'repeat = [{ file = "c*.csv" }]', ["repeat[1].file", "no file matches 'c*.csv'"]),
-    ],
-)
-def test_a_fault_of_many_runs_is_named(tmp_path: Path, log: str, said: list[str]) -> None:
-    message = complaint(tmp_path, log=log)
-    for words in said:
-        assert words in message
-
-
 def test_a_fault_in_one_of_many_files_names_it(tmp_path: Path) -> None:
     recorded(tmp_path, "a.csv", "b.csv")
     (tmp_path / "b.csv").write_text((tmp_path / "b.csv").read_text().replace("105.0", "late"))
@@ -176,8 +154,3 @@ def test_files_of_a_pattern_are_not_written_over(tmp_path: Path, run: Run) -> No
     assert code == 2
     assert "b.json" in err
     assert json.loads((tmp_path / "b.json").read_text()) == rows
-
-
-def test_a_name_with_a_nul_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match=r"logs\[1\].file"):
-        describe(tmp_path, entry("a\0*.csv"))

@@ -182,21 +182,11 @@ def test_a_bad_cell_is_found_wherever_it_is(
     assert f"column '{column}'" in message
 
 
-def test_parquet_faults_count_rows_from_one(tmp_path: Path) -> None:
-    path = tmp_path / "in.parquet"
-    pl.DataFrame({"time": [0, 1, 2], "voltage": [1.0, None, 2.0]}).write_parquet(path)
-    assert "row 2, column 'voltage' is empty" in complaint(path)
-
-
 def test_a_date_is_no_number(tmp_path: Path) -> None:
     path = tmp_path / "in.parquet"
     days = pl.Series([0, 1]).cast(pl.Date)
     pl.DataFrame({"time": days, "voltage": [1.0, 2.0]}).write_parquet(path)
     assert "column 'time' holds Date" in complaint(path)
-
-
-def test_a_damaged_parquet_file(tmp_path: Path) -> None:
-    assert "damaged" in complaint(table(tmp_path, b"PAR1 and then nothing", "in.parquet"))
 
 
 def test_a_missing_file_and_another_kind(tmp_path: Path) -> None:

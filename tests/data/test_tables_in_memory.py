@@ -72,13 +72,6 @@ def test_an_identification_is_that_of_the_file() -> None:
     assert found.standard_errors == other.standard_errors
 
 
-def test_a_check_is_that_of_the_file() -> None:
-    found, other = sm.check(described()), sm.check(EXAMPLE / "description.toml")
-    assert found.floors == other.floors
-    assert repr(found.identifiability) == repr(other.identifiability)
-    assert found.warnings == other.warnings
-
-
 def test_a_diagnosis_is_that_of_the_file(tmp_path: Path) -> None:
     """No effect is left to try, so that it ends soon."""
     chosen = sm.model("torque_motor", "measured")
@@ -254,12 +247,6 @@ def test_what_a_diagnosis_cannot_take_is_refused() -> None:
     for tolerance in (np.nan, -1.0):
         with pytest.raises(UserError, match="number of noise floors"):
             sm.diagnose(described(), tolerance=tolerance)
-
-
-def test_a_masked_input_is_not_simulated() -> None:
-    masked = np.ma.masked_equal([1.5e-3, 2e-3], 2e-3)
-    with pytest.raises(UserError, match="masked"):
-        sm.simulate(sm.model("sg90"), [0.0, 0.1], {"pulse_width": masked})
 
 
 def test_what_a_notebook_shows_is_one_line() -> None:

