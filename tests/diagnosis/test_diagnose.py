@@ -32,11 +32,10 @@ from servo_models.diagnosis.search.crossval import CrossValidation, blocks
 from servo_models.diagnosis.search.selection import FIRST_ANSWER
 from servo_models.diagnosis.stretches import HeldOut, held_out_scores
 from servo_models.diagnosis.verdict import Verdict, decide
-from servo_models.errors import UserError
 from servo_models.identification.problem import Problem
 from servo_models.validation.torque_motor.reference import EQ_12
 from tests.support.compilers import in_c_only
-from tests.support.delayed_motor import DESCRIPTION, describe
+from tests.support.delayed_motor import describe
 from tests.support.logs import changed, log_of
 
 
@@ -353,31 +352,11 @@ def test_gaps_of_outputs_make_up_the_gap_of_all(seed: int, size: float) -> None:
         assert high >= whole.rms[name] * 0.95
 
 
-def test_a_model_that_cannot_be_simulated_is_refused(tmp_path: Path) -> None:
-    """Without stops, on a spring that softens until it gives way: the rotor runs away."""
-    given_ = (
-        "parameters.stiffness = 0.3\nparameters.end_stops.half_range = 0\n"
-        "parameters.stiffness_hardening.coefficient = -200\n"
-    )
-    text = DESCRIPTION.format("").replace("[uncertainty]", f"{given_}[uncertainty]")
-    with pytest.raises(
-        UserError, match=r"rig.toml': the nominal model cannot be simulated on log 'log'.*correct"
-    ):
-        diagnose(describe(tmp_path, text))
-
-
 @pytest.mark.parametrize(
     ("names", "read"), [(["a"], "a"), (["a", "b"], "a and b"), (["a", "b", "c"], "a, b and c")]
 )
 def test_names_are_listed_as_one_reads_them(names: list[str], read: str) -> None:
     assert summary.listed(iter(names)) == read
-
-
-def test_an_effect_is_told_on_a_wire_that_a_user_knows() -> None:
-    """Its function for the internal step comes first, and is no place in the actuator."""
-    for name in ("torque_motor", "sg90", "smart_servo", "second_order_servo", "dc_motor_speed"):
-        found: Any = SimpleNamespace(model=model(name))
-        assert summary.placed(found, ["gear_compliance"]) == "gear_compliance on 'angle'"
 
 
 def test_every_effect_is_told_on_a_declared_wire_the_first_that_it_is_placed_on() -> None:

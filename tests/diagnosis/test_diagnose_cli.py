@@ -230,24 +230,6 @@ def test_what_closes_of_the_only_signal_is_what_closes_of_the_gap(session: Sessi
         assert (one["closed"] is None) == (one["rms_before"] <= 1.1)  # the floor, and 10 % of it
 
 
-def test_every_effect_is_either_named_or_ruled_out(session: Session) -> None:
-    (rig,) = [read_description(session.folder / "rig.toml")]
-    named = {one["name"] for one in session.document["effects"] if one["in_set"] or one["taken"]}
-    ruled_out = {one["name"] for one in session.document["ruled_out"]}
-    assert not named & ruled_out
-    model_ = rig.model
-    on = {
-        it.owner
-        for it in model_.plant.parameters.values()
-        if it.owner and it.param.switch and model_.values[it.name] != 0.0
-    }
-    assert on == {"end_stops"}
-    plant = model_.plant
-    sought = {it for it in plant.placements if not plant.main(it).effect.hints.learnt}
-    unloaded = {"load_gain"}  # of a load that has one value in all logs no scale is sought
-    assert sought - on - unloaded == named | ruled_out
-
-
 @pytest.mark.thorough
 def test_a_fit_that_does_not_converge_is_marked_and_the_rest_goes_on(
     run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -293,13 +275,6 @@ def test_a_command_that_rests_is_no_obstacle(run: Run, tmp_path: Path) -> None:
     check_schema(told)
     assert code == 1
     assert "command amplitude" not in [one["dimension"] for one in told["localisation"]]
-
-
-def test_a_standstill_is_refused(run: Run, tmp_path: Path) -> None:
-    """An offset of the reading is all that it could show."""
-    code, out, err = run("diagnose", resting(tmp_path, np.ones_like))
-    assert (code, out) == (2, "")
-    assert "no input ever changes" in err
 
 
 def frozen(folder: Path) -> Path:

@@ -31,12 +31,6 @@ BAD = {
         "variant",
         "rig.toml",
     ),
-    "everything held out": (DESCRIPTION.format("held_out = true"), "holds out every", "rig.toml"),
-    "no logs": (
-        'actuator = "torque_motor"\nsweeps = []\n',
-        "sweeps: has no table; add [[sweeps]]",
-        "rig.toml",
-    ),
 }
 
 

@@ -199,11 +199,6 @@ def test_tables_are_frames_of_numbers(found: Diagnosis) -> None:
     assert effects["effect"].to_list() == [effect.name for effect in found.ranking]
 
 
-@pytest.mark.thorough
-def test_same_arguments_give_the_same_bytes(found: Diagnosis, text: str) -> None:
-    assert _page(found) == text
-
-
 def test_verdict_names_the_effect(text: str) -> None:
     assert _heading(text).startswith("transport_delay on")
     assert "explains the gap" in _heading(text)

@@ -48,8 +48,30 @@ def description(folder: Path, *logs: str, head: str = HEAD) -> Path:
     return path
 
 
-def refused(run: Run, path: Path) -> str:
-    """The one sentence of both commands."""
+AWAY = (
+    "[parameters]\nstiffness = 0.3\nend_stops.half_range = 0\n"
+    "stiffness_hardening.coefficient = -200\n"
+)
+"""A spring that softens until the rotor runs away."""
+
+
+@pytest.mark.parametrize(
+    ("head", "logs", "said"),
+    [
+        (HEAD, [("still", "")], "no input ever changes, neither in a log nor from one to another"),
+        (HEAD, [("still", ""), ("square", "held_out = true")], "no input ever changes"),
+        (HEAD, [("square", 'held_out = { from = "2 ms" }')], "2 samples to fit for 2 free param"),
+        (HEAD, [("square", "held_out = true")], "rig.toml' holds out every sample"),
+        (f'method = "simulation"\nsweeps = []\n{HEAD}', [], "rig.toml', sweeps: has no table"),
+        (HEAD + AWAY, [("square", "")], "the nominal model cannot be simulated on log 'square'"),
+    ],
+)
+def test_both_commands_refuse_in_the_same_words(
+    run: Run, tmp_path: Path, head: str, logs: list[tuple[str, str]], said: str
+) -> None:
+    recorded(tmp_path, "still", STILL)
+    recorded(tmp_path, "square", SQUARE)
+    path = description(tmp_path, *(LOG.format(*log) for log in logs), head=head)
     told = []
     for command in ("identify", "diagnose"):
         code, out, err = run(command, path)
@@ -57,49 +79,7 @@ def refused(run: Run, path: Path) -> str:
         told.append(err)
     assert told[0] == told[1]
     assert told[0].count("\n") == 1
-    return told[0]
-
-
-def test_a_single_standstill(run: Run, tmp_path: Path) -> None:
-    recorded(tmp_path, "still", STILL)
-    message = refused(run, description(tmp_path, LOG.format("still", "")))
-    assert "no input ever changes, neither in a log nor from one to another" in message
-
-
-def test_a_standstill_and_a_motion_that_is_held_out(run: Run, tmp_path: Path) -> None:
-    recorded(tmp_path, "still", STILL)
-    recorded(tmp_path, "square", SQUARE)
-    logs = LOG.format("still", ""), LOG.format("square", "held_out = true")
-    assert "no input ever changes" in refused(run, description(tmp_path, *logs))
-
-
-def test_no_more_samples_than_parameters(run: Run, tmp_path: Path) -> None:
-    recorded(tmp_path, "square", SQUARE)
-    few = LOG.format("square", 'held_out = { from = "2 ms" }')
-    message = refused(run, description(tmp_path, few))
-    assert "2 samples to fit for 2 free parameters" in message
-
-
-def test_every_sample_held_out(run: Run, tmp_path: Path) -> None:
-    recorded(tmp_path, "square", SQUARE)
-    message = refused(run, description(tmp_path, LOG.format("square", "held_out = true")))
-    assert "rig.toml' holds out every sample" in message
-
-
-def test_no_logs(run: Run, tmp_path: Path) -> None:
-    head = f'method = "simulation"\nsweeps = []\n{HEAD}'
-    assert "rig.toml', sweeps: has no table" in refused(run, description(tmp_path, head=head))
-
-
-def test_a_model_that_cannot_be_simulated(run: Run, tmp_path: Path) -> None:
-    recorded(tmp_path, "square", SQUARE)
-    away = (
-        "[parameters]\nstiffness = 0.3\nend_stops.half_range = 0\n"
-        "stiffness_hardening.coefficient = -200\n"
-    )
-    path = description(tmp_path, LOG.format("square", ""), head=HEAD + away)
-    message = refused(run, path)
-    assert "rig.toml': the nominal model cannot be simulated on log 'square'" in message
+    assert said in told[0]
 
 
 @pytest.mark.thorough

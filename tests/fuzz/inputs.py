@@ -12,7 +12,7 @@ values and types, columns and clocks, or the kind of file.  A forked process rea
 * sentences that do not name a file of the case, the place and the cure.
 
 An input that is still valid is read, and not worked on; ``check`` and ``simulate`` run through.
-``tests/data/test_damaged_inputs.py`` runs a share.  Exit code 1: anything was counted.
+``tests/data/test_hostile_inputs.py`` runs a share.  Exit code 1: anything was counted.
 """
 
 from __future__ import annotations

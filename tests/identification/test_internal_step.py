@@ -165,3 +165,23 @@ def test_a_search_stops_what_is_stiff_and_not_a_firmware_that_ticks_often() -> N
     assert np.all(np.isfinite(prepared(chosen, log).outputs(stiff)))
     with pytest.raises(UserError, match="too many sub-steps"):
         run.outputs(stiff)
+
+
+@pytest.mark.parametrize("name", ["sg90", "smart_servo", "second_order_servo"])
+def test_a_filter_beside_a_delay_takes_no_further_steps(name: str) -> None:
+    """A delay cuts steps where its signal changes: one that never rests would cut every step."""
+    chosen = model(name)
+    inputs = {"sg90": "pulse_width"}.get(name, "goal")
+    rest = next(float(it.rest) for it in chosen.plant.inputs if it.name == inputs)
+    times = 0.01 * np.arange(100)
+    command = rest + (times > 0.1) * (5e-4 if name == "sg90" else 0.5)
+    run = prepared(chosen, log_of(times, {inputs: command}, {}))
+    steps = [
+        chosen.substeps(
+            run._vector({"transport_delay.time": 0.00498, "command_lag.time_constant": lag}),
+            run.times,
+            run.inputs,
+        )
+        for lag in (0.0, 0.045)
+    ]
+    assert steps[1] <= 1.1 * steps[0]
