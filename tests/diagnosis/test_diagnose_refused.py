@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 
 from servo_models.core.simulate import model, simulate
+from servo_models.core.types import Array
 from servo_models.data.description import read_description
 from servo_models.diagnosis.preconditions import check_duration
 from servo_models.errors import UserError
@@ -281,3 +283,182 @@ def test_a_log_of_something_else_is_doubted(run: Run, tmp_path: Path) -> None:
     floor = document["gap"]["outputs"]["angle"]["floor"]
     assert floor == pytest.approx(np.deg2rad(1.0), rel=0.1)
     assert any("hardly anything of 'angle'" in text for text in document["warnings"])
+
+
+HEAD = """actuator = "torque_motor"
+variant = "identified"
+free = ["torque_constant", "inductance"]
+[uncertainty]
+torque_constant = "20 %"
+inductance = "20 %"
+"""
+LOG = """[[logs]]
+file = "{0}.csv"
+time = "t"
+inputs.voltage = "u"
+outputs.angle = "angle"
+{1}
+"""
+TIMES = np.arange(0.0, 0.3, 1e-3)
+SQUARE = 8.0 * np.sign(np.sin(2.0 * np.pi * 12.0 * TIMES))
+STILL = np.zeros(len(TIMES))
+
+
+def recorded(folder: Path, name: str, voltage: Array, load: float = 0.0) -> None:
+    rig = model("torque_motor", "identified")
+    loads = np.full(len(TIMES), load)
+    angle = simulate(rig, TIMES, {"voltage": voltage, "load_torque": loads})["angle"]
+    angle = angle + 1e-4 * np.random.default_rng(1).standard_normal(len(TIMES))
+    rows = np.column_stack([TIMES, voltage, angle, loads])
+    np.savetxt(
+        folder / f"{name}.csv", rows, "%.9g", delimiter=",", header="t,u,angle,load", comments=""
+    )
+
+
+def description(folder: Path, *logs: str, head: str = HEAD) -> Path:
+    path = folder / "rig.toml"
+    path.write_text(head + "".join(logs))
+    return path
+
+
+AWAY = (
+    "[parameters]\nstiffness = 0.3\nend_stops.half_range = 0\n"
+    "stiffness_hardening.coefficient = -200\n"
+)
+"""A spring that softens until the rotor runs away."""
+
+
+@pytest.mark.parametrize(
+    ("head", "logs", "said"),
+    [
+        (HEAD, [("still", "")], "no input ever changes, neither in a log nor from one to another"),
+        (HEAD, [("still", ""), ("square", "held_out = true")], "no input ever changes"),
+        (HEAD, [("square", 'held_out = { from = "2 ms" }')], "2 samples to fit for 2 free param"),
+        (HEAD, [("square", "held_out = true")], "rig.toml' holds out every sample"),
+        (f'method = "simulation"\nsweeps = []\n{HEAD}', [], "rig.toml', sweeps: has no table"),
+        (HEAD + AWAY, [("square", "")], "the nominal model cannot be simulated on log 'square'"),
+    ],
+)
+def test_both_commands_refuse_in_the_same_words(
+    run: Run, tmp_path: Path, head: str, logs: list[tuple[str, str]], said: str
+) -> None:
+    recorded(tmp_path, "still", STILL)
+    recorded(tmp_path, "square", SQUARE)
+    path = description(tmp_path, *(LOG.format(*log) for log in logs), head=head)
+    told = []
+    for command in ("identify", "diagnose"):
+        code, out, err = run(command, path)
+        assert (code, out) == (2, "")
+        told.append(err)
+    assert told[0] == told[1]
+    assert told[0].count("\n") == 1
+    assert said in told[0]
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("command", ["check", "identify", "diagnose"])
+def test_runs_with_an_input_that_does_not_change_in_them(
+    command: str, run: Run, tmp_path: Path
+) -> None:
+    """Each run has its own load, and one of them stands still."""
+    mapped = 'inputs.load_torque = "load"\nsettle = 0'
+    runs = {"free": (SQUARE, 0.0), "loaded": (SQUARE, 2e-3), "still": (STILL, 2e-3)}
+    for name, (voltage, load) in runs.items():
+        recorded(tmp_path, name, voltage, load)
+    path = description(tmp_path, *(LOG.format(name, mapped) for name in runs))
+    code, out, err = run(command, path, *(["--format", "json"] if command == "diagnose" else []))
+    assert code == 0, err
+    assert "ever changes" not in out
+    if command == "diagnose":
+        assert json.loads(out)["verdict"] == "no-gap"
+
+
+NOISE = 1e-3
+LEVELS = (0.0, 0.5, -0.3, 0.2, 0.8, -0.5, 0.0)  # commanded angles [rad]
+AS_TORQUE_MOTOR = """
+actuator = "torque_motor"
+variant = "estimated"
+[uncertainty]
+torque_constant = "10 %"
+stiffness = "10 %"
+[[logs]]
+file = "log.csv"
+time = "t"
+inputs.voltage = { column = "command", unit = "V", scale = 10 }
+outputs.angle = "angle"
+"""
+AS_SG90 = """
+actuator = "sg90"
+[[logs]]
+file = "log.csv"
+time = "t"
+inputs.pulse_width = { column = "command", unit = "us", scale = 590.8, offset = 1500 }
+outputs.angle = "angle"
+"""
+
+
+def record(folder: Path, text: str, times: Array, command: Array, angle: Array) -> Path:
+    """Write a log beside a description of it."""
+    reading = angle + NOISE * np.random.default_rng(1).standard_normal(len(times))
+    rows = np.column_stack([times, command, reading])
+    names = "t,command,angle"
+    np.savetxt(folder / "log.csv", rows, "%.9g", delimiter=",", header=names, comments="")
+    path = folder / "rig.toml"
+    path.write_text(text)
+    return path
+
+
+def smart_servo(times: Array, command: Array) -> Array:
+    return simulate(model("smart_servo", "sts3215"), times, {"goal": command})["angle"]
+
+
+def linear_drive(times: Array, command: Array) -> Array:
+    """A carriage that pulls a drum of 50 mm."""
+    chosen = model("linear_drive", "identified")
+    return simulate(chosen, times, {"reference": 0.05 * command})["position"] / 0.05
+
+
+@pytest.mark.parametrize(
+    ("rig", "step", "described", "doubt"),
+    [
+        pytest.param(
+            *(smart_servo, 2.5e-3, AS_TORQUE_MOTOR, "that the log is of 'torque_motor'"),
+            id="a smart servo as a torque motor",
+            marks=pytest.mark.thorough,
+        ),
+        pytest.param(
+            *(linear_drive, 1e-2, AS_SG90, "moved further than their uncertainties allow"),
+            id="a linear drive as an SG90",
+            marks=pytest.mark.long,
+        ),
+    ],
+)
+def test_a_log_of_another_actuator_is_outside_the_catalogue(
+    rig: Callable[[Array, Array], Array],
+    step: float,
+    described: str,
+    doubt: str,
+    run: Run,
+    tmp_path: Path,
+) -> None:
+    command = np.repeat(LEVELS, 30)
+    times = np.asarray(step * np.arange(len(command)), dtype=np.float64)
+    path = record(tmp_path, described, times, command, rig(times, command))
+    code, out, _ = run("diagnose", path, "--format", "json")
+    document = json.loads(out)
+    assert code == 1
+    assert document["verdict"] == "outside-catalogue"
+    assert document["sentence"].startswith("Outside the catalogue: ")
+    assert document["gap"]["after"] > 10.0
+    assert any(doubt in text for text in document["warnings"])
+
+
+def test_a_log_of_a_quick_actuator_is_refused_under_a_slow_one(run: Run, tmp_path: Path) -> None:
+    """A torque motor settles in milliseconds, an SG90 in a tenth of a second."""
+    times = np.asarray(2.5e-4 * np.arange(200), dtype=np.float64)
+    command = np.repeat([0.0, 0.5], 100)
+    angle = simulate(model("torque_motor"), times, {"voltage": 10.0 * command})["angle"]
+    code, out, err = run("diagnose", record(tmp_path, AS_SG90, times, command, angle))
+    assert (code, out) == (2, "")
+    assert "name the actuator that made it" in err
+    assert len(err.splitlines()) == 1

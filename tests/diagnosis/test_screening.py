@@ -10,24 +10,35 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import least_squares, lsq_linear
+from scipy.stats import norm
 
 from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
 from servo_models.data.description import read_description
-from servo_models.diagnosis.search.candidates import candidates, travel
+from servo_models.diagnosis.search import grid_search as staircases
+from servo_models.diagnosis.search.candidates import Candidate, candidates, travel
 from servo_models.diagnosis.search.crossval import advantage, blocks, cross_validate
 from servo_models.diagnosis.search.fitting import Fitter, shifted
 from servo_models.diagnosis.search.grid_search import shortlist
-from servo_models.diagnosis.search.joint_fits import beside
+from servo_models.diagnosis.search.joint_fits import beside, best_start
 from servo_models.diagnosis.search.priors import PRIOR_BOUND_SIGMAS, prior_parameters
-from servo_models.diagnosis.search.screening import reaches, screen
-from servo_models.diagnosis.search.selection import passes_entry_test
+from servo_models.diagnosis.search.screening import (
+    Detectability,
+    likeliest,
+    reaches,
+    screen,
+    screening_results,
+    starts_of,
+)
+from servo_models.diagnosis.search.selection import passes_entry_test, select_effects
 from servo_models.diagnosis.settings import DEFAULT
+from servo_models.errors import UserError
 from servo_models.identification.linear_inference import least_in_box, value_at
 from servo_models.identification.optimise import _Point, _step, descend
-from servo_models.identification.problem import Free, free_parameter
+from servo_models.identification.problem import REFUSED, Free, free_parameter
+from tests.support.delayed_motor import DESCRIPTION, describe
 from tests.support.diagnoses import made
-from tests.support.logs import changed, log_of
+from tests.support.logs import changed, log_of, measured
 
 
 @given(seed=st.integers(0, 10_000), twins=st.booleans(), shut=st.booleans())
@@ -395,3 +406,162 @@ def test_the_travel_of_a_linear_drive_is_in_metres() -> None:
     linear = replace(log, outputs={"position": position, "speed": 3.0 * position})
     assert travel(model("linear_drive").plant, [linear]) == pytest.approx(0.2)
     assert travel(model("torque_motor").plant, [log]) == np.ptp(log.outputs["angle"])
+
+
+@pytest.mark.parametrize("effects", [{}, {"coulomb_friction.level": 2e-3}])
+def test_a_bound_holds_without_a_block_as_it_does_with_it(effects: dict[str, float]) -> None:
+    """Fits without each block in turn, of a constant that its prior keeps four times too near."""
+    fitter, _ = made(effects)
+    constant, friction = fitter.nominal
+    near = replace(constant, prior=0.1, scale=0.1, low=constant.nominal - 0.4)
+    fitter = replace(fitter, nominal=(near, friction))
+    found = fitter.finish(fitter.fit((), ()))
+    assert found.problem.sides(found.linearised.vector)[0] == "low"
+    (log,), parts = fitter.logs, found.evidence.parts
+    unseen = np.empty(len(parts))
+    for block in range(parts.max() + 1):
+        rest = replace(fitter, logs=[replace(log, held_out=parts == block)])
+        without = rest.finish(rest.fit((), (), found.values))
+        errors = fitter.problem().residuals(without.evidence.vector)[: len(parts)]
+        unseen[parts == block] = errors[parts == block]
+    assert np.sum(found.evidence.unseen**2) == pytest.approx(np.sum(unseen**2), rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("name", "size"), [("sensor_nonlinearity.bow", 0.02), ("flux_saturation.curvature", 20.0)]
+)
+def test_a_fit_begins_where_its_effect_was_seen(name: str, size: float) -> None:
+    """An effect with two sizes has been looked at with one of them."""
+    fitter, every = made({name: size})
+    effect = name.partition(".")[0]
+    results = screen([fitter.fit((), ()).linearised], [every[effect]])
+    best = [it for it in results if name in it.settings][:1]
+    assert best_start(best[0]).cost < 3.0 * best[0].left
+    assert beside(fitter, fitter.fit((), ()), likeliest(results)).values[name] == pytest.approx(
+        size, rel=0.05
+    )
+
+
+def refused() -> Array:
+    """Errors by a delay that is longer than its line of samples."""
+    fitter, _ = made({})
+    (log,) = fitter.logs
+    fast = replace(log, times=0.02 * log.times)
+    problem = replace(fitter, logs=[fast], floors={"angle": 1e-9}).problem()
+    late = {**problem.values(problem.nominal), "transport_delay.time": 0.05}
+    with pytest.raises(UserError, match="delay"):
+        problem.errors_with(late, strict=True)
+    return problem.errors_with(late)
+
+
+def test_what_cannot_be_simulated_is_worse_than_no_motion_at_all() -> None:
+    """With a floor of a millionth of the range, a thousand floors would be a good fit."""
+    errors = refused()
+    fitter, _ = made({})
+    (log,) = fitter.logs
+    still = log.outputs["angle"] / 1e-9
+    assert np.sqrt(np.mean(errors[: len(still)] ** 2)) > REFUSED * np.sqrt(np.mean(still**2))
+
+
+def test_what_cannot_be_simulated_is_not_seen() -> None:
+    fitter, every = made({})
+    (log,) = fitter.logs
+    fitter = replace(fitter, logs=[replace(log, times=0.02 * log.times)])
+    one = replace(every["transport_delay"], trial_values=({"transport_delay.time": 0.05},))
+    nominal = fitter.unfit((), (), {free.name: free.nominal for free in fitter.nominal})
+    assert screen([nominal.linearised], [one]) == []
+    assert reaches(screening_results([nominal.linearised], [one]), [one]) == {
+        "transport_delay": Detectability()
+    }
+
+
+def test_an_uncertain_size_of_an_effect_is_free_once(tmp_path: Path) -> None:
+    """It is a nominal parameter then; an uncertain shape of an effect that is off says nothing."""
+    text = DESCRIPTION.format("").replace(
+        "[uncertainty]",
+        '[uncertainty]\n"backlash.half_width" = "0.01 deg"\n"stribeck_friction.speed" = "20 %"',
+    )
+    told = read_description(describe(tmp_path, text, seconds=0.1))
+    names = [free.name for free in prior_parameters(told)]
+    assert names.count("backlash.half_width") == 1
+    assert "stribeck_friction.speed" not in names
+    assert "stribeck_friction" in {one.name for one in candidates(told.model, told.logs)}
+
+
+@pytest.mark.long
+def test_an_uncertain_effect_is_no_candidate() -> None:
+    fitter, every = made({})
+    (size,) = (
+        it for it in every["coulomb_friction"].free if it.name in every["coulomb_friction"].switches
+    )
+    fitter = replace(fitter, nominal=(*fitter.nominal, replace(size, prior=1e-4)))
+    assert "coulomb_friction" not in select_effects(fitter).detectability
+
+
+def test_every_size_of_a_staircase_is_looked_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    fitter, every = made({"command_quantisation.step": 0.6})
+    retuned = fitter.fit((), ())
+    one = every["command_quantisation"]
+    results = screen([retuned.linearised], [one])
+    seen = []
+    before = staircases._over_all
+
+    def spied(*args: object) -> object:
+        grid, found = before(*args)  # type: ignore[arg-type]
+        seen.extend(tuple(it.settings.items()) for it in found)
+        return grid, found
+
+    monkeypatch.setattr(staircases, "_over_all", spied)
+    staircases.shortlist(fitter, retuned, [one], results)
+    assert len(seen) == len(set(seen)) > 100
+
+
+@pytest.mark.parametrize("moved", [(0.0, 0.0), (2.0, 0.0), (-1.0, 3.0)])
+def test_strained_parameters_count_as_their_priors_say(moved: tuple[float, float]) -> None:
+    """Minus the logarithm of two normal densities, beyond that of the nominal values."""
+    fitter, _ = made({})
+    values = {
+        free.name: free.nominal + by * (free.prior or np.nan)
+        for free, by in zip(fitter.nominal, moved)
+    }
+    expected = -sum(norm.logpdf(by) - norm.logpdf(0.0) for by in moved)
+    assert fitter.unfit((), (), values).chance == pytest.approx(expected, abs=1e-9)
+
+
+NOISE = float(np.radians(0.05))
+PRIORS = {"motor_time_constant": 0.1, "motor_gain": 0.15, "amplifier_gain": 0.05}
+"""Standard deviations over the nominal values."""
+
+
+def rig(half_width: float, kept: float) -> tuple[Fitter, Candidate]:
+    """The linear servo with a dead zone, under steps of several sizes and a slow triangle."""
+    nominal = model("sg90", "linear")
+    times: Array = 0.02 * np.arange(3000.0)
+    steps = np.repeat([0.0, 60.0, -60.0, 20.0, -20.0, 5.0], 300)
+    triangle = 15.0 * (4.0 * np.abs(np.mod(times[:1200] / 12.0 + 0.25, 1.0) - 0.5) - 1.0)
+    pulse = 1.5e-3 + 1e-5 * np.concatenate([steps, triangle])
+    zone = {"drive_dead_zone.half_width": half_width, "drive_dead_zone.kept": kept}
+    true = changed(nominal, {"motor_gain": 425.0, **zone})
+    log = measured(true, times, {"pulse_width": pulse}, {"angle": NOISE}, seed=1)
+    known = nominal.plant.parameters
+    free = tuple(
+        free_parameter(known[name], nominal.values[name], share * nominal.values[name])
+        for name, share in PRIORS.items()
+    )
+    (one,) = [it for it in candidates(nominal, [log]) if it.name == "drive_dead_zone"]
+    return Fitter(nominal, [log], free, {"angle": NOISE}).surveyed(), one
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("half_width", "kept"), [(0.55, 0.6), (0.55, 0.3), (0.3, 0.5), (0.8, 0.8), (0.4, 0.7)]
+)
+def test_a_fit_finds_the_part_that_is_kept(half_width: float, kept: float) -> None:
+    """All that a fit is told of it is what is seen of dead zones that keep nothing."""
+    fitter, one = rig(half_width, kept)
+    first = fitter.fit((), ())
+    ((_, own),) = starts_of(screen((first.linearised,), [one]))
+    found = beside(fitter, first, own)
+    assert found.values["drive_dead_zone.kept"] == pytest.approx(kept, abs=0.03)
+    assert found.evidence.rms < 1.3
+    assert first.evidence.rms > 50.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,8 @@ import pytest
 
 from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
+from servo_models.data.description import read_description
+from studies.second_plant.long_logs import current_motor, loaded_servo, sts3215_joint
 from studies.withheld.generator.cases import Case, draw_case
 from studies.withheld.generator.faults import FAULTS
 from studies.withheld.generator.files import write_case
@@ -122,3 +125,20 @@ def test_held_between_its_rows_an_uneven_log_is_what_the_rig_was_given(cases: li
             inputs = {e.rig.command.name: command, "load_torque": e.load * shares}
             response = simulate(chosen, times, inputs)[signal.name][1:]
             assert np.abs(response - plain[:, 0]).max() < 2e-3 * np.ptp(plain[:, 0])
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("write", "logs", "rows", "period"),
+    [
+        (sts3215_joint, 10, 10 * 24 * 50, 1.0 / 50.0),
+        (current_motor, 9, 9 * 440, 1.0 / 440.0),
+        (loaded_servo, 5, 1400, 1.0 / 100.0),
+    ],
+)
+def test_a_long_recording_is_read_and_has_its_rows(
+    write: Callable[[Path], Path], logs: int, rows: int, period: float, tmp_path: Path
+) -> None:
+    read = read_description(write(tmp_path / "recording")).logs
+    assert (len(read), sum(len(log.times) for log in read)) == (logs, rows)
+    assert all(np.allclose(np.diff(log.times), period, rtol=1e-5) for log in read)
