@@ -19,7 +19,7 @@ from servo_models.core.simulate import MOST_TRIED, Model, Result, model, simulat
 from servo_models.core.types import Array
 from servo_models.errors import UserError
 from tests.conftest import Run
-from tests.fuzz.parameters import Found, every_variant, judged
+from tests.fuzz.parameters import Found, judged
 from tests.support.bench import step_constant
 from tests.support.fmu_host import Host
 
@@ -160,17 +160,24 @@ def test_the_loop_of_a_light_carriage_in_thick_oil_arrives() -> None:
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(
-    "variant", ["identified", "measured", "printed", "oscillatory_motor", "xl330"]
+    ("name", "variant"),
+    [
+        ("linear_drive", "identified"),
+        ("torque_motor", "identified"),
+        ("torque_motor", "measured"),
+        ("sg90", "measured"),
+        ("sg90", "printed"),
+        ("sg90", "oscillatory_motor"),
+        ("smart_servo", "xl330"),
+    ],
 )
-def test_random_parameters(variant: str) -> None:
-    """A share of what ``fuzz/parameters.py`` does; every plant has one of these variants."""
-    for chosen in every_variant({variant}):
-        found, rng = Found(), np.random.default_rng(11)
-        simulate(chosen, [0.0])  # compiles
-        for _ in range(12):
-            judged(chosen, rng, found)
-        assert found.wrong == []
-        assert found.counts["quiet"] >= 3
+def test_random_parameters(name: str, variant: str) -> None:
+    chosen, found, rng = model(name, variant), Found(), np.random.default_rng(11)
+    simulate(chosen, [0.0])  # compiles
+    for _ in range(12):
+        judged(chosen, rng, found)
+    assert found.wrong == []
+    assert found.counts["quiet"] >= 3
 
 
 @block("spike", "side")
