@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-import fmpy
 import numpy as np
 import pytest
 from hypothesis import example, given
@@ -13,7 +12,6 @@ from hypothesis import strategies as st
 
 from servo_models.core.catalogue import actuator, all_actuators
 from servo_models.core.plant import check_actuator_name
-from servo_models.core.simulate import model, simulate
 from servo_models.core.template import write_template
 from servo_models.core.types import Array
 from servo_models.data.parameters import read_parameters
@@ -67,20 +65,6 @@ def test_a_large_step_and_a_load_are_those_of_another_solver(folder: Path, run: 
     exact = angles(np.full(101, 0.4), 0.01, VALUES, load=lambda speed: 0.3)
     np.testing.assert_allclose(reading, exact, atol=1e-5)
     assert reading[-1] == pytest.approx(0.4 - 0.3 / (VALUES["gain"] * VALUES["stall_torque"]))
-
-
-def test_its_fmu_gives_the_same_bits(folder: Path, run: Run) -> None:
-    assert run("build", "mine.py")[0] == 0
-    here = simulate(model("mine.py"), np.linspace(0.0, 1.0, 201), {"command": 0.2})
-    there = fmpy.simulate_fmu(
-        str(folder / "fmus" / "mine.fmu"),
-        stop_time=1.0,
-        output_interval=0.005,
-        start_values={"command": 0.2},
-        output=["reading", "drive"],
-    )
-    for name in ("reading", "drive"):
-        np.testing.assert_array_equal(here[name], there[name])
 
 
 @pytest.mark.thorough

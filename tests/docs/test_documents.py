@@ -77,12 +77,6 @@ def test_the_architecture_names_folders_and_modules_that_exist() -> None:
         assert (package / "diagnosis" / name).exists() or (package / name).exists(), name
 
 
-def test_the_readme_is_short_and_begins_with_the_two_commands() -> None:
-    assert len(README.splitlines()) <= 200
-    commands = [line.split("  #")[0].strip() for line in code_blocks(README, "")[0].splitlines()]
-    assert commands == ["python build_fmu.py", "python -m tests"]
-
-
 def test_the_diagnosis_of_the_readme(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, run: Run
 ) -> None:

@@ -187,17 +187,6 @@ def test_initial_outputs_follow_inputs_and_parameters(fmu_folder: Files) -> None
     assert two == pytest.approx(2.0 * 7.47 * volts_per_second * 0.2e-3, rel=1e-9)
 
 
-@pytest.mark.parametrize("name", actuators())
-def test_fmpy_simulates_to_the_end(name: str, fmu_file: Files) -> None:
-    """The high-level call, from a path with spaces, with the default experiment's step."""
-    chosen = model(*MODELS[name])
-    actuator = chosen.actuator
-    found = fmpy.simulate_fmu(
-        str(fmu_file(name)), stop_time=actuator.stop_time / 4, output_interval=actuator.step_size
-    )
-    assert found["time"][-1] == pytest.approx(actuator.stop_time / 4, rel=1e-12)
-
-
 @pytest.mark.thorough
 @fmi2_only
 @pytest.mark.parametrize("name", actuators())
