@@ -112,6 +112,12 @@ def test_rows_that_no_clock_tells_apart(tmp_path: Path, run: Run, step: float) -
     assert "correct the unit" in err
 
 
+def test_two_rows_that_no_clock_tells_apart(tmp_path: Path, run: Run) -> None:
+    code, out, err = run("check", record(tmp_path, np.insert(SANE[:-1], 1, 5e-324)))
+    assert (code, out) == (2, "")
+    assert "log.csv', row 3, column 't': time moves from 0.0 s to 5e-324 s, as no clock does" in err
+
+
 def test_a_pause_is_no_jump(tmp_path: Path, run: Run) -> None:
     times = SANE.copy()
     times[70:] += 5.0
