@@ -20,12 +20,12 @@ from servo_models.diagnosis.search.candidates import Candidate, candidates, trav
 from servo_models.diagnosis.search.crossval import advantage, blocks, cross_validate
 from servo_models.diagnosis.search.fitting import Fitter, shifted
 from servo_models.diagnosis.search.grid_search import shortlist
-from servo_models.diagnosis.search.joint_fits import beside, best_start
+from servo_models.diagnosis.search.joint_fits import best_start, fit_with
 from servo_models.diagnosis.search.priors import PRIOR_BOUND_SIGMAS, prior_parameters
 from servo_models.diagnosis.search.screening import (
     Detectability,
+    detectability,
     likeliest,
-    reaches,
     screen,
     screening_results,
     starts_of,
@@ -33,7 +33,7 @@ from servo_models.diagnosis.search.screening import (
 from servo_models.diagnosis.search.selection import passes_entry_test, select_effects
 from servo_models.diagnosis.settings import DEFAULT
 from servo_models.errors import UserError
-from servo_models.identification.linear_inference import least_in_box, value_at
+from servo_models.identification.linear_inference import solve_box_qp, value_at
 from servo_models.identification.optimise import _Point, _step, descend
 from servo_models.identification.problem import REFUSED, Free, free_parameter
 from tests.support.delayed_motor import DESCRIPTION, describe
@@ -53,7 +53,7 @@ def test_the_least_in_a_box_is_that_of_a_library(seed: int, twins: bool, shut: b
     if shut:
         low[:, 2] = high[:, 2]
     gram, towards = np.swapaxes(slopes, 1, 2) @ slopes, np.einsum("kmi,km->ki", slopes, errors)
-    found = least_in_box(gram, towards, low, high)
+    found = solve_box_qp(gram, towards, low, high)
     assert np.all(found >= low - 1e-12 * np.abs(low))
     assert np.all(found <= high + 1e-12 * np.abs(high))
     remains = np.sum(errors**2, axis=1) + value_at(gram, towards, found)
@@ -74,7 +74,7 @@ def test_beyond_its_bounds_a_parameter_promises_nothing() -> None:
     assert retuned.linearised.left == pytest.approx(retuned.cost, rel=1e-3)
     results = screen((retuned.linearised,), [every["sensor_offset"], every["sensor_nonlinearity"]])
     result = next(it for it in results if it.candidate.name == "sensor_offset")
-    found = beside(fitter, retuned, [result])
+    found = fit_with(fitter, retuned, [result])
     assert found.cost == pytest.approx(result.left, rel=0.02)
 
 
@@ -147,7 +147,7 @@ def test_the_best_of_many_sizes_has_to_do_more_than_one() -> None:
     fitter, every = made({"sensor_offset.value": 1e-5})
     retuned = fitter.finish(fitter.fit((), ()))
     results = screen((retuned.linearised,), [every["sensor_offset"]])
-    found = beside(fitter, retuned, results[:1])
+    found = fit_with(fitter, retuned, results[:1])
     worth = advantage(found.evidence, retuned.evidence)
     beyond = worth - DEFAULT.entry_advantage
     assert beyond > 0.0
@@ -230,11 +230,11 @@ def test_what_a_fit_has_left_does_not_change_when_it_is_fitted_on() -> None:
     """Both share a problem, which remembers only the best of all."""
     fitter, every = made({"coulomb_friction.level": 2e-3})
     level = every["coulomb_friction"].at({"coulomb_friction.level": 1e-4})
-    rough = fitter.unfit(
+    rough = fitter.at_values(
         ("coulomb_friction",), level, {f.name: f.start for f in (*fitter.nominal, *level)}
     )
     left = rough.cost
-    further = fitter.again(rough)
+    further = fitter.refit(rough)
     assert further.cost < 0.5 * left
     assert rough.cost == left
     whole = further.problem.residuals(further.evidence.vector)
@@ -255,11 +255,11 @@ def test_a_look_promises_what_a_fit_holds_where_the_response_is_straight() -> No
     wanted = [every["sensor_offset"], every["coulomb_friction"]]
     results = screen((retuned.linearised,), wanted)
     assert results[0].candidate.name == "sensor_offset"
-    found = beside(fitter, retuned, results[:1])
+    found = fit_with(fitter, retuned, results[:1])
     assert found.cost == pytest.approx(results[0].left, rel=0.02)
     assert found.values["sensor_offset.value"] == pytest.approx(2e-3, rel=0.01)
     whole = np.sqrt(np.mean(results[0].difference ** 2))
-    shown = reaches(results, wanted)["sensor_offset"].shown
+    shown = detectability(results, wanted)["sensor_offset"].shown
     assert shown >= whole * (1.0 - 1e-6)  # of any size looked at
 
 
@@ -268,7 +268,7 @@ def test_a_look_finds_count_and_phase_of_a_ripple() -> None:
     fitter, every = made(truth)
     retuned = fitter.finish(fitter.fit((), ()))
     results = screen((retuned.linearised,), [every["cogging"]])
-    found = beside(fitter, retuned, results[:2])
+    found = fit_with(fitter, retuned, results[:2])
     assert found.values["cogging.count"] == pytest.approx(230.0, rel=0.01)
     assert found.values["cogging.torque"] == pytest.approx(4e-4, rel=0.05)
     assert found.evidence.rms == pytest.approx(1.0, abs=0.1)
@@ -280,7 +280,7 @@ def test_a_hold_is_found_though_no_size_near_it_looks_like_it() -> None:
     fitter, every = made({"sample_hold.period": period}, 2e-4, sweep=50.0)
     retuned = fitter.finish(fitter.fit((), ()))
     results = screen((retuned.linearised,), shortlist(fitter, retuned, [every["sample_hold"]]))
-    found = beside(fitter, retuned, results[:2])
+    found = fit_with(fitter, retuned, results[:2])
     assert found.values["sample_hold.period"] == pytest.approx(period, rel=2e-3)
 
 
@@ -292,7 +292,7 @@ def test_a_stiff_resonance_is_followed_beyond_its_reach() -> None:
     found = {}
     for name in ("gear_compliance", "load_inertia"):
         results = screen((retuned.linearised,), [every[name]])
-        found[name] = beside(fitter, retuned, results[:2])
+        found[name] = fit_with(fitter, retuned, results[:2])
     stiff, rigid = found["gear_compliance"], found["load_inertia"]
     assert stiff.values["gear_compliance.compliance"] == pytest.approx(0.2, rel=0.1)
     assert stiff.loss < rigid.loss
@@ -314,7 +314,7 @@ def test_a_staircase_is_found_between_the_sizes_that_are_looked_at() -> None:
     retuned = fitter.finish(fitter.fit((), ()))
     one = every["command_quantisation"]
     results = screen((retuned.linearised,), shortlist(fitter, retuned, [one]))
-    found = beside(fitter, retuned, results[:2])
+    found = fit_with(fitter, retuned, results[:2])
     assert found.values["command_quantisation.step"] == pytest.approx(3.137, rel=0.01)
     assert found.evidence.rms == pytest.approx(1.0, abs=0.15)
 
@@ -437,7 +437,7 @@ def test_a_fit_begins_where_its_effect_was_seen(name: str, size: float) -> None:
     results = screen([fitter.fit((), ()).linearised], [every[effect]])
     best = [it for it in results if name in it.settings][:1]
     assert best_start(best[0]).cost < 3.0 * best[0].left
-    assert beside(fitter, fitter.fit((), ()), likeliest(results)).values[name] == pytest.approx(
+    assert fit_with(fitter, fitter.fit((), ()), likeliest(results)).values[name] == pytest.approx(
         size, rel=0.05
     )
 
@@ -468,9 +468,9 @@ def test_what_cannot_be_simulated_is_not_seen() -> None:
     (log,) = fitter.logs
     fitter = replace(fitter, logs=[replace(log, times=0.02 * log.times)])
     one = replace(every["transport_delay"], trial_values=({"transport_delay.time": 0.05},))
-    nominal = fitter.unfit((), (), {free.name: free.nominal for free in fitter.nominal})
+    nominal = fitter.at_values((), (), {free.name: free.nominal for free in fitter.nominal})
     assert screen([nominal.linearised], [one]) == []
-    assert reaches(screening_results([nominal.linearised], [one]), [one]) == {
+    assert detectability(screening_results([nominal.linearised], [one]), [one]) == {
         "transport_delay": Detectability()
     }
 
@@ -525,7 +525,7 @@ def test_strained_parameters_count_as_their_priors_say(moved: tuple[float, float
         for free, by in zip(fitter.nominal, moved)
     }
     expected = -sum(norm.logpdf(by) - norm.logpdf(0.0) for by in moved)
-    assert fitter.unfit((), (), values).chance == pytest.approx(expected, abs=1e-9)
+    assert fitter.at_values((), (), values).chance == pytest.approx(expected, abs=1e-9)
 
 
 NOISE = float(np.radians(0.05))
@@ -561,7 +561,7 @@ def test_a_fit_finds_the_part_that_is_kept(half_width: float, kept: float) -> No
     fitter, one = rig(half_width, kept)
     first = fitter.fit((), ())
     ((_, own),) = starts_of(screen((first.linearised,), [one]))
-    found = beside(fitter, first, own)
+    found = fit_with(fitter, first, own)
     assert found.values["drive_dead_zone.kept"] == pytest.approx(kept, abs=0.03)
     assert found.evidence.rms < 1.3
     assert first.evidence.rms > 50.0

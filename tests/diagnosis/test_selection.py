@@ -17,7 +17,7 @@ from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
 from servo_models.diagnosis.search.candidates import Candidate, candidates
 from servo_models.diagnosis.search.fitting import FittedModel, Fitter
-from servo_models.diagnosis.search.joint_fits import beside, best_start
+from servo_models.diagnosis.search.joint_fits import best_start, fit_with
 from servo_models.diagnosis.search.limit_cycle import unrepeatable
 from servo_models.diagnosis.search.residuals import Residuals, unmodelled
 from servo_models.diagnosis.search.screening import (
@@ -131,7 +131,9 @@ def test_a_fit_ends_early_only_where_it_cannot_reach_what_it_has_to() -> None:
 def test_few_values_show_from_the_nominal_model_what_all_values_do() -> None:
     fitter, every = made({"coulomb_friction.level": 1.5e-3})
     retuned = fitter.fit((), ())
-    nominal = fitter.unfit((), (), {free.name: free.nominal for free in fitter.nominal}).linearised
+    nominal = fitter.at_values(
+        (), (), {free.name: free.nominal for free in fitter.nominal}
+    ).linearised
     results = moving(survey(retuned.linearised, [nominal], list(every.values())))
     few = [it for it in results if it.linearised is nominal]
     most = screen((nominal,), list(every.values()))
@@ -152,7 +154,7 @@ def test_a_ripple_beside_friction_is_looked_for_at_every_count() -> None:
     friction = every["stribeck_friction"].at({"stribeck_friction.excess": 2e-3})
     first = fitter.fit(("stribeck_friction",), friction)
     own = Screener([ripple], results).beside(first, [ripple])
-    found = beside(fitter, first, own[:VALUES_SIMULATED]).values
+    found = fit_with(fitter, first, own[:VALUES_SIMULATED]).values
     assert found["cogging.count"] == pytest.approx(200.0, rel=0.01)
     assert found["cogging.torque"] == pytest.approx(1e-3, rel=0.05)
 
@@ -228,7 +230,7 @@ def test_a_fit_begins_with_several_shapes() -> None:
     assert len(set(speeds)) == len(speeds) == VALUES_SIMULATED
     assert tried[0] is results[0]
     wrong = sorted(tried, key=lambda it: it.settings["stribeck_friction.speed"])
-    found = beside(fitter, fitter.fit((), ()), wrong[:2])
+    found = fit_with(fitter, fitter.fit((), ()), wrong[:2])
     assert found.values["stribeck_friction.speed"] == pytest.approx(0.1, rel=0.1)
 
 
@@ -362,7 +364,7 @@ def limit_cycle(effect: str, step: float) -> FittedModel:
     every = {one.name: one for one in candidates(nominal, [log])}
     extra = every[effect].at({f"{effect}.step": step})
     values = {name: 1.005 * nominal.values[name], f"{effect}.step": step}
-    return fitter.unfit((effect,), extra, values)
+    return fitter.at_values((effect,), extra, values)
 
 
 def test_a_quantiser_in_the_loop_makes_it_hunt() -> None:

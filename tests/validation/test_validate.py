@@ -22,6 +22,7 @@ from servo_models.report.interchange import conditions
 from servo_models.validation.cases import Case, all_cases, grid, schedule
 from servo_models.validation.fmu_subject import Subject
 from servo_models.validation.implementation import (
+    LIMIT,
     implementation_rows,
     input_signals,
     irregular,
@@ -103,6 +104,15 @@ def test_schedules_hold_and_grids_end() -> None:
     assert len(times) == 4
     assert times[-1] == pytest.approx(0.3)
     assert schedule(times, (0.0, 5.0), (0.2, 7.0)).tolist() == [5.0, 5.0, 7.0, 7.0]
+
+
+def test_what_is_compared_of_an_fmu_equals_its_simulation(fmu_file: FmuFile) -> None:
+    """Of a right one; ``tests/fmu/test_executors.py`` compares every kind of every actuator."""
+    subject = Subject(fmu_file("torque_motor"))
+    rows = implementation_rows(subject)
+    subject.close()
+    assert len(rows) == 9
+    assert all(row.passed and row.value is not None and row.value <= LIMIT for row in rows)
 
 
 def test_excitation_moves_every_input_within_its_bounds() -> None:
