@@ -14,13 +14,17 @@ from servo_models.errors import UserError
 
 def check(
     file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="A description, .toml; with --init a log.")
+        Path,
+        typer.Argument(
+            metavar="FILE", help="A description, .toml; with --init a log, or a robot's recording."
+        ),
     ],
     init: Annotated[
         bool, typer.Option("--init", help="Write a first description of a log, to be edited.")
     ] = False,
     out: Annotated[
-        Path | None, file_option("Where to write it; default: beside the log, .toml.")
+        Path | None,
+        file_option("Where to write it; default: beside the log, .toml. Of a recording: a folder."),
     ] = None,
     actuator: MadeBy = None,
     trust: Trust = False,
@@ -30,16 +34,26 @@ def check(
 
     Exit code 0: usable, 1: usable with the warnings printed, 2: could not run.
     With --init also 1 where the description has to be completed, or a column
-    of measurements cannot be used.
+    of measurements or a joint cannot be used.  A LeRobot data set gives a
+    description for each joint.
 
     Examples:
 
     servo-models check log.csv --init --actuator torque_motor
 
     servo-models check log.toml
+
+    servo-models check my_data_set --init
     """
     from servo_models.data.description import check_is_description, read_description
+    from servo_models.data.joints import has_joints, write_joints
 
+    if init and has_joints(file):
+        faults = False
+        for text, is_fault in write_joints(file, out, actuator, trust):
+            print(f"Warning: {text}" if is_fault else text)
+            faults |= is_fault
+        return 1 if faults else 0
     if init and os.path.isdir(file):  # False for a name that is too long
         check_is_description(file)
     if init:

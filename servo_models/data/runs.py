@@ -1,9 +1,10 @@
-"""The runs of a ``[[logs]]``: one, or those that ``repeat`` and a pattern in ``file`` list."""
+"""The runs of a ``[[logs]]``: one, or those that ``repeat``, a pattern or ``episode`` list."""
 
 from __future__ import annotations
 
 import glob
 import itertools
+import os
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,9 +13,11 @@ from typing import Any
 import numpy as np
 
 from servo_models.data.log import Log
+from servo_models.data.readers.lerobot import episodes
 from servo_models.data.schema import Section
 from servo_models.files import matching
 
+EPISODE = "episode = [0, 1]"
 REPEAT = 'repeat = [{ file = "a.csv" }, { file = "b.csv", held_out = true }]'
 
 
@@ -24,19 +27,23 @@ def runs(entry: Section, tables: Container[str] = ()) -> Iterator[Section]:
     A table of ``repeat`` replaces keys of the entry.  Of several files the runs are called like
     the files, behind the name of the entry; of one file, by their number behind it.  A name that
     several runs of ``repeat`` would have gets a number behind it, unless it is given there.
+    Of a LeRobot data set each ``episode`` is a run, all of them where none is named.
 
     Args:
         entry: a ``[[logs]]``.
         tables: in memory; who is called like one is no pattern.
 
     Raises:
-        UserError: ``repeat`` is no list of tables or is empty, or no file matches a pattern.
+        UserError: ``repeat`` is no list of tables or is empty, no file matches a pattern, or there
+            is no such episode.
     """
     found: list[Section] = []
     for run in _repeated(entry):
         file = run.content.get("file")
-        pattern = _is_pattern(file) and file not in tables
-        found += _files(run, file) if pattern else [run]
+        in_memory = file in tables if isinstance(file, str) else True
+        files = _files(run, file) if _is_pattern(file) and not in_memory else [run]
+        for one in files:
+            found += [one] if in_memory else _episodes(one)
     if "repeat" not in entry:
         return iter(found)
     return _numbered(found, [run.content.get("name") for run in entry.sections("repeat")])
@@ -95,6 +102,8 @@ def _repeated(entry: Section) -> Iterator[Section]:
 def _name(shared: Mapping[str, Any], own: Mapping[str, Any], number: int) -> Any:
     """The name of a run that says none: from its own file, else by its number."""
     name = shared.get("name") or ""
+    if "episode" in own:  # which names it
+        return name
     if "file" in own:
         return _behind(name, "" if _is_pattern(own["file"]) else _stem(own["file"]))
     file = shared.get("file", "")
@@ -134,3 +143,29 @@ def _names(files: Sequence[Path]) -> list[str]:
         if len(set(names)) == len(names):
             return names
     return [file.as_posix() for file in files]
+
+
+def _episodes(run: Section) -> Iterator[Section]:
+    """The same for each episode of a data set that is wanted; a run of another file as it is."""
+    path = run.file.parent / str(run.content["file"])
+    known = {} if "table" in run else episodes(path)
+    shared = {key: value for key, value in run.content.items() if key != "episode"}
+    wanted = list(known)
+    if "episode" in run and os.path.exists(path):
+        given = run.at("episode").read(int | list[int], EPISODE)
+        wanted = given if isinstance(given, list) else [given]
+        if not known:
+            run.fail("episode", f"'{path}' is no LeRobot data set; leave it out")
+    if not known:
+        yield replace(run, content=shared)
+        return
+    name = run.content.get("name") or (path.name if path.is_dir() else path.stem)
+    for number in wanted:
+        if number not in known:
+            there = f"{min(known)} to {max(known)}" if len(known) > 1 else f"{min(known)} alone"
+            run.fail("episode", f"'{path}' has no frames of episode {number}; it has {there}")
+        own = f"episode {number}"
+        file = os.path.relpath(known[number][0], run.file.parent)
+        yield replace(
+            run, content={**shared, "file": file, "table": own, "name": _behind(name, own)}
+        )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 import re
@@ -21,6 +20,8 @@ from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
 from servo_models.data.clock import dithered
 from servo_models.data.readers import Columns, read_columns
+from servo_models.data.readers.lerobot import INDICES
+from servo_models.data.schema import quoted as _quoted
 from servo_models.data.sensor import difference_noise
 from servo_models.errors import UserError, printable
 from servo_models.files import write_whole
@@ -346,10 +347,6 @@ def _resting(wire: Wire) -> str:
     return _quoted(f"{float(wire.rest) * factor(wire.unit, unit):.6g} {unit}")
 
 
-def _quoted(value: str | int) -> str:
-    return json.dumps(value, ensure_ascii=False)
-
-
 # Which column is which signal
 
 TIME = {"t", "time", "times", "timestamp", "stamp", "zeit", "temps", "clock"}
@@ -449,7 +446,7 @@ def _why_not(column: Column, made: Draft) -> str:
     if not column.moves:
         return "constant"
     if column.counts:
-        return "it counts the rows"
+        return "it counts the rows, or runs of them"
     if not _tells(column, plant):
         return "the name does not tell what it is"
     mains = (made.main, plant.outputs[0])
@@ -663,8 +660,9 @@ class Column:
 
     @cached_property
     def counts(self) -> bool:
-        """Whether it is one more in each row."""
-        return len(self.values) > 1 and bool(np.all(np.diff(self.values) == 1.0))
+        """Whether it is one more in each row, or called as a count of episodes or tasks is."""
+        one_more = len(self.values) > 1 and bool(np.all(np.diff(self.values) == 1.0))
+        return one_more or self.key in INDICES
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import datetime
 import hashlib
+import json
 import math
 import re
 import sys
@@ -284,6 +285,11 @@ def _texts(content: Any) -> Iterator[str]:
     elif isinstance(content, Mapping | list):
         for part in content.values() if isinstance(content, Mapping) else content:
             yield from _texts(part)
+
+
+def quoted(value: str | int) -> str:
+    """Return a text, or a number as it is, as TOML writes it."""
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 # Numbers with units, and tables by the names of parameters

@@ -134,6 +134,7 @@ class LogTable(Table):
         file = "log.csv"  # or "runs/*.csv"
         name = "steps"
         table = "joint_states"
+        episode = [0, 1]  # of a LeRobot data set, see ``runs``
         header = true
         time = { column = "t", unit = "ms" }
         inputs.voltage = { column = "u", unit = "V" }
@@ -152,6 +153,7 @@ class LogTable(Table):
     outputs: dict[str, Any]
     name: str = ""
     table: str = ""
+    episode: int | list[int] | None = None
     header: bool | None = None
     inputs: dict[str, Any] = {}
     constants: dict[str, Any] = {}

@@ -50,9 +50,8 @@ def read_columns(path: Path, table: str | None = None, header: bool | None = Non
     ]
     if not any(map(len, cells)):
         raise UserError(f"{source.place} has no rows of numbers: record it again")
-    return Columns(
-        path, tuple(cells), tables.first_row, table or "", hashlib.sha256(content).hexdigest()
-    )
+    digest = hashlib.sha256(content).hexdigest()
+    return Columns(path, tuple(cells), tables.first_row, table or "", digest, tables.aliases)
 
 
 def suffixes() -> tuple[str, ...]:

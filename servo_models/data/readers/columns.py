@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
+import os
 import re
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -70,10 +72,12 @@ class Tables:
     Attributes:
         cells: the columns of each table, named, as they stand in the file.
         first_row: number by which the author calls the first row of cells.
+        aliases: names of columns by what they are called as well.
     """
 
     cells: Mapping[str, Sequence[pl.Series]]
     first_row: int = 1
+    aliases: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +89,7 @@ class Columns:
         cells: the columns, named, as they stand in the file.
         first_row: number by which the author calls the first row of cells.
         table: where the file has several.
+        aliases: names of columns by what they are called as well.
     """
 
     path: Path
@@ -92,6 +97,7 @@ class Columns:
     first_row: int = 1
     table: str = ""
     sha256: str = ""
+    aliases: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -113,7 +119,11 @@ class Columns:
             return column - 1
         found = [i for i, name in enumerate(self.names) if name == column]
         if not found:  # items of lists are written with brackets or dots
-            found = [i for i, name in enumerate(self.names) if _dotted(name) == _dotted(column)]
+            also = [
+                name for alias, name in self.aliases.items() if _dotted(alias) == _dotted(column)
+            ]
+            meant = {_dotted(column), *also}
+            found = [i for i, name in enumerate(self.names) if {_dotted(name), name} & meant]
         if not found:
             raise UserError(f"{place} has no column '{column}'; {did_you_mean(column, self.names)}")
         if len(found) > 1:
@@ -279,13 +289,13 @@ def column_of(name: str, values: Sequence[Any]) -> pl.Series:
 
     if all(value is None or isinstance(value, (int, float)) for value in values):
         floats = [None if value is None else float(value) for value in values]
-        return pl.Series(_unicode(name), floats, dtype=pl.Float64)
-    texts = [None if value is None else _unicode(str(value)) for value in values]
-    return pl.Series(_unicode(name), texts, dtype=pl.String)
+        return pl.Series(unicode_of(name), floats, dtype=pl.Float64)
+    texts = [None if value is None else unicode_of(str(value)) for value in values]
+    return pl.Series(unicode_of(name), texts, dtype=pl.String)
 
 
-def _unicode(text: str) -> str:
-    """The text with ``?`` for what JSON can spell and Unicode does not have: half a pair."""
+def unicode_of(text: str) -> str:
+    """Return the text with ``?`` for what JSON can spell and Unicode does not have: half a pair."""
     return text.encode("utf-8", "replace").decode("utf-8")
 
 
@@ -328,3 +338,21 @@ def array_column(name: str, values: NDArray[Any]) -> pl.Series:
 
 def _place(path: Path, table: str) -> str:
     return f"'{path}', table '{table}'" if table else f"'{path}'"
+
+
+@contextlib.contextmanager
+def no_stack() -> Iterator[None]:
+    """Keep from standard error what polars prints there, past Python, before it raises."""
+    try:
+        kept = os.dup(2)
+    except OSError:  # there is no standard error
+        yield
+        return
+    try:
+        silent = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(silent, 2)
+        os.close(silent)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)

@@ -1,0 +1,354 @@
+"""Begin a description for each joint of a robot's recording: a command beside its reading."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from servo_models.core.catalogue import actuator as find_actuator
+from servo_models.core.catalogue import actuators
+from servo_models.core.own_actuator import key_from
+from servo_models.core.plant import Actuator, Variant
+from servo_models.core.types import Array
+from servo_models.data.description import read_description
+from servo_models.data.lag import lags
+from servo_models.data.readers import Columns, read_columns
+from servo_models.data.readers.lerobot import Info, episodes, is_data_set, read_info, root_of
+from servo_models.data.scaffold import CHECK, LONGEST_SENTENCE
+from servo_models.data.schema import quoted
+from servo_models.data.signals import LEAST_SAMPLES
+from servo_models.errors import UserError, printable
+from servo_models.files import write_whole
+from servo_models.units import exponents
+
+GENERAL = "second_order_servo"
+"""What is proposed for a joint of which nothing but its goal and its angle is known."""
+MOST_EPISODES = 10  # in a first description: more of them take longer and tell little more
+HELD_OUT_FROM = 3  # episodes from which the last one is held out
+COMMAND, READING = "action", "observation.state"
+TURN_OF_COUNTS = 4096  # counts a turn of the encoders in servos on a bus
+NORMALISED = 100.5  # end of the range of normalised positions, and rounding
+RADIANS = 6.6  # largest angle of a joint in rad, a turn and some more
+LARGEST_DEGREES = 400.0
+"""Largest angle of a joint in degrees; whole numbers beyond are counts."""
+UNSURE = (
+    "degrees, or -100..100 of the calibrated range? Of the latter add"
+    f" scale = (range_max - range_min) / 200 * 360 / {TURN_OF_COUNTS} from the calibration file;"
+    " without it, sizes are in hundredths of half that range"
+)
+NOMINAL = (
+    "time stamps are nominal, frame / {fps:g} Hz, so that no jitter can be seen; the action is what"
+    " was asked for, before the robot clipped it"
+)
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint of a recording.
+
+    Attributes:
+        name: as the recording calls it.
+        log: lines of its ``[[logs]]`` above the signals, with ``{file}`` for where it lies.
+        command, reading: columns, as keys of a signal; ``unit`` is that of both, with its scale.
+        doubt: what is guessed of the unit, "" for nothing.
+        runs: lines below the signals.
+    """
+
+    name: str
+    log: Sequence[str]
+    command: str
+    reading: str
+    unit: str
+    doubt: str = ""
+    runs: Sequence[str] = ()
+
+
+@dataclass(frozen=True)
+class Recording:
+    """The joints of a recording, and what is said once about all, or of those that are left out."""
+
+    path: Path
+    joints: tuple[Joint, ...]
+    notes: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
+
+
+def has_joints(path: Path) -> bool:
+    """Whether a file or folder is a recording of a robot with joints."""
+    return is_data_set(path) or bool(episodes(path))
+
+
+def recording(path: Path) -> Recording:
+    """Return the joints of a recording.
+
+    Raises:
+        UserError: it cannot be read, or no joint has both a command and a reading.
+    """
+    found = _data_set(path)
+    if not found.joints:
+        raise UserError(
+            f"'{path}' has no joint with a command and a reading: {'; '.join(found.left_out)}"
+        )
+    return found
+
+
+def write_joints(
+    path: Path, folder: Path | None, actuator: str | None, trust: bool
+) -> Iterator[tuple[str, bool]]:
+    """Write a description for each joint, and yield what is to be told, and whether it is a fault.
+
+    Args:
+        path: the recording.
+        folder: to write into; None for beside it, behind its name.
+        actuator: name of what all joints are, None for a general one.
+
+    Raises:
+        UserError: see ``recording``; a file that is there already, an actuator without a goal, or
+            no joint whose description can be read.
+    """
+    found = recording(path)
+    chosen, variant = _chosen(actuator or GENERAL)
+    whole = path.resolve()
+    stem = "" if folder else f"{whole.stem if whole.is_file() else whole.name}_"
+    place = folder or path.parent if path.name else whole.parent
+    files: dict[Path, Joint] = {}
+    for joint in found.joints:
+        files[_free(place, stem + _as_file(joint.name), files)] = joint
+    for file in files:
+        if os.path.exists(file):
+            raise UserError(f"'{file}' exists: edit it, remove it, or name a folder with --out")
+    written = 0
+    for file, joint in files.items():
+        write_whole(file, _text(found, joint, chosen, variant, file.parent).encode())
+        try:
+            description = read_description(file, trust)
+        except UserError as error:
+            file.unlink()
+            yield f"{_told(joint.name)}: no description, since {error}", True
+            continue
+        written += 1
+        said = [
+            it.sentence(description.model.plant.wire[it.output])
+            for it in lags(description.logs, description.model.plant)
+        ]
+        yield f"wrote '{file}': {'; '.join(said)}", False
+    if not written:
+        raise UserError(f"'{path}': no joint can be described; each says why above")
+    doubts = dict.fromkeys(joint.doubt for joint in files.values() if joint.doubt)
+    for text in (*found.notes, *(f"guessed, the unit: {doubt}" for doubt in doubts)):
+        yield printable(text, LONGEST_SENTENCE), False
+    for text in found.left_out:
+        yield printable(text, LONGEST_SENTENCE), True
+
+
+def _told(name: str) -> str:
+    return printable(name, 60)
+
+
+def _as_file(name: str) -> str:
+    """A name that is one of a file on every system."""
+    return re.sub(r"[^\w.-]+", "_", name)[:60].strip("._") or "joint"
+
+
+def _free(folder: Path, stem: str, taken: Mapping[Path, Joint]) -> Path:
+    names = (folder / f"{stem}{more}.toml" for more in ("", *(f"_{n}" for n in range(2, 10_000))))
+    return next(name for name in names if name not in taken)
+
+
+def _chosen(name: str) -> tuple[Actuator, Variant]:
+    """An actuator, and its first variant that takes an angle as goal.
+
+    Raises:
+        UserError: none does.
+    """
+    found = find_actuator(name)
+    variant = _with_a_goal(found)
+    if not variant:
+        raise UserError(f"{name} takes no angle as its goal: give {' or '.join(_others(''))}")
+    return found, variant
+
+
+def _others(name: str) -> list[str]:
+    """Actuators but this one that take an angle as goal."""
+    return [key for key, it in actuators().items() if key != name and _with_a_goal(it)]
+
+
+def _with_a_goal(found: Actuator) -> Variant | None:
+    for variant in found.variants:
+        wire = found.plant_of(variant.name).wire[variant.command or found.step[0]]
+        if exponents(wire.unit) == exponents("rad"):
+            return variant
+    return None
+
+
+def _text(found: Recording, joint: Joint, chosen: Actuator, variant: Variant, folder: Path) -> str:
+    """A description of a joint, to stand in ``folder``."""
+    plant = chosen.plant_of(variant.name)
+    output = "angle_reading" if "angle_reading" in plant.outputs else plant.outputs[0]
+    goal = variant.command or chosen.step[0]
+    file = quoted(Path(os.path.relpath(found.path.resolve(), folder.resolve())).as_posix())
+    others = ", ".join(_others(chosen.name))
+    doubt = f"  {CHECK}: the unit" if joint.doubt else ""
+    lines = [
+        f"# Joint {_told(joint.name)}. Lines marked 'guessed' are to be checked.",
+        f"actuator = {quoted(key_from(chosen, folder))}  {CHECK}; there is also {others}",
+        f"variant = {quoted(variant.name)}",
+        "",
+        "[[logs]]",
+        f"file = {file}",
+        *joint.log,
+        *(f"# {printable(text, LONGEST_SENTENCE)}" for text in found.notes),
+        *([f"# the unit is a guess: {joint.doubt}"] if joint.doubt else []),
+        f"inputs.{goal} = {{ {joint.command}, {joint.unit} }}{doubt}",
+        f"outputs.{output} = {{ {joint.reading}, {joint.unit} }}{doubt}",
+        *joint.runs,
+    ]
+    return "\n".join(lines) + "\n"
+
+
+# LeRobot data sets
+
+
+def _data_set(path: Path) -> Recording:
+    info = read_info(path if is_data_set(path) else root_of(path))
+    known = episodes(path)
+    usable = [number for number, (_, frames) in known.items() if frames >= LEAST_SAMPLES]
+    short = {*range(info.episodes), *known}.difference(usable) if is_data_set(path) else set()
+    left_out = []
+    if short:
+        left_out.append(f"{_listed(short)} left out: fewer than {LEAST_SAMPLES} frames")
+    read = {n: read_columns(known[n][0], f"episode {n}") for n in usable[:MOST_EPISODES]}
+    odd, unit, doubt = _units(read)
+    left_out += odd.values()
+    read = {number: columns for number, columns in read.items() if number not in odd}
+    if not read:
+        return Recording(path, (), (), (*left_out, "no episode is left"))
+    joints: list[Joint] = []
+    for name, command, reading in _pairs(next(iter(read.values())), info):
+        try:
+            if command is None:
+                raise UserError("a reading without a command, so nothing says what it was to do")
+            own = _moving(read, command, reading)
+        except UserError as error:
+            left_out.append(f"{name}: no description, since {error}")
+            continue
+        columns = [f"column = {quoted(column)}" for column in (command, reading)]
+        time = 'time = { column = "timestamp" }'
+        joints.append(Joint(name, (time,), *columns, unit, doubt, _runs(own)))
+    fps = info.fps or _rate(next(iter(read.values())))
+    notes = [NOMINAL.format(fps=fps)]
+    if not info.names:
+        notes.append(
+            "without meta/info.json joints have numbers: copy the data set whole for names"
+        )
+    if len(usable) > MOST_EPISODES:
+        notes.append(
+            f"of {len(usable)} episodes the first {MOST_EPISODES}: add others to 'episode'"
+        )
+    return Recording(path, tuple(joints), tuple(notes), tuple(left_out))
+
+
+def _rate(columns: Columns) -> float:
+    """Frames in a second by the stamps."""
+    return float(1.0 / np.median(np.diff(columns.numbers("timestamp"))))
+
+
+def _listed(numbers: set[int]) -> str:
+    shown = [str(number) for number in sorted(numbers)]
+    more = f" and {len(shown) - 8} more" if len(shown) > 8 else ""
+    return f"episode{'s' if len(shown) > 1 else ''} {', '.join(shown[:8])}{more}"
+
+
+def _pairs(columns: Columns, info: Info) -> Iterator[tuple[str, str | None, str]]:
+    """Name, command and reading of each joint; None for one that is not commanded."""
+    commands, readings = (_items(columns, name) for name in (COMMAND, READING))
+    if not readings:
+        raise UserError(
+            f"{columns.where(1)}: there is no list '{READING}': name the columns of"
+            " command and reading in a description of your own"
+        )
+    named = {column.removeprefix(f"{COMMAND}."): column for column in commands}
+    alike = len(commands) == len(readings) and not (
+        info.names.get(COMMAND) and info.names.get(READING)
+    )
+    for place, reading in enumerate(readings):
+        own = reading.removeprefix(READING)
+        command = commands[place] if alike else named.get(own.removeprefix("."))
+        yield own.strip(".[]").removesuffix(".pos"), command, reading
+
+
+def _items(columns: Columns, name: str) -> list[str]:
+    return [it for it in columns.names if re.match(rf"{re.escape(name)}[.\[]", it) or it == name]
+
+
+def _moving(read: Mapping[int, Columns], command: str, reading: str) -> list[int]:
+    """Episodes in which a joint moves.
+
+    Raises:
+        UserError: none, or one in which a cell is no number.
+    """
+    own = [
+        number
+        for number, columns in read.items()
+        if np.ptp(columns.numbers(reading)) and np.isfinite(columns.numbers(command)).all()
+    ]
+    if not own:
+        raise UserError("it stands still in every episode: record one in which it moves")
+    return own
+
+
+def _runs(own: Sequence[int]) -> list[str]:
+    if len(own) < HELD_OUT_FROM:
+        return [f"episode = {list(own)}"]
+    return [
+        "repeat = [",
+        f"    {{ episode = {list(own[:-1])} }},",
+        f"    {{ episode = {own[-1]}, held_out = true }},  {CHECK}: held out to judge a fit by",
+        "]",
+    ]
+
+
+def _units(read: Mapping[int, Columns]) -> tuple[dict[int, str], str, str]:
+    """Episodes in another unit than most, with a sentence; the keys of the unit, and a doubt."""
+    kinds = {number: _kind(columns) for number, columns in read.items()}
+    frames = {kind: 0 for kind, _ in kinds.values()}
+    for number, (kind, _) in kinds.items():
+        frames[kind] += len(read[number].cells[0])
+    usual = max(frames, key=frames.__getitem__, default="deg")
+    reach = max((size for kind, size in kinds.values() if kind == usual), default=0.0)
+    odd = {
+        number: f"episode {number} left out: its joints reach {size:.3g} and those of the others"
+        f" {reach:.3g}, so it is in another unit; describe it by itself"
+        for number, (kind, size) in kinds.items()
+        if kind != usual
+    }
+    if usual == "rad":
+        return odd, 'unit = "rad"', f"no joint reaches more than {reach:.3g}, as in rad"
+    if usual == "counts":
+        unit = f'unit = "deg", scale = {360.0 / TURN_OF_COUNTS}'
+        return odd, unit, f"whole numbers up to {reach:.4g}, as counts with {TURN_OF_COUNTS} a turn"
+    if reach > NORMALISED:
+        return odd, 'unit = "deg"', f"joints reach {reach:.4g}, as in degrees"
+    return odd, 'unit = "deg"', UNSURE
+
+
+def _kind(columns: Columns) -> tuple[str, float]:
+    """Whether the readings of an episode look like rad, degrees or counts, and how far they go."""
+    values: list[Array] = []
+    for name in _items(columns, READING):
+        try:
+            values.append(columns.numbers(name))
+        except UserError:  # told where that joint is looked at
+            continue
+    every = np.concatenate(values) if values else np.zeros(1)
+    reach = float(np.abs(every).max())
+    if reach <= RADIANS:
+        return "rad", reach
+    if reach > LARGEST_DEGREES and not (every % 1.0).any():
+        return "counts", reach
+    return "deg", reach

@@ -1,0 +1,93 @@
+"""How much later a reading does what its command says, before any model: by least squares."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from servo_models.core.plant import Plant, Wire
+from servo_models.data.log import Log
+from servo_models.units import exponents, factor
+
+LONGEST = 1.0  # s, of a lag that is looked for
+COARSE = 60  # lags at which errors are summed up first
+FINE = 21  # lags about the best of these
+FOLLOWED = 0.5
+"""RMS that is left over that of the reading about its mean, up to which it follows its command."""
+
+
+@dataclass(frozen=True)
+class Lag:
+    """A reading beside its command, which is in the same unit.
+
+    Attributes:
+        output, command: names of the signals.
+        time: by which the command, shifted, has the least squared error [s].
+        rows: the same in rows of the logs.
+        left: RMS of that error about its mean [SI of the output].
+        follows: most of the reading's motion is that of the command.
+    """
+
+    output: str
+    command: str
+    time: float
+    rows: float
+    left: float
+    follows: bool
+
+    def sentence(self, wire: Wire) -> str:
+        """Return it in words; ``wire`` is the output."""
+        unit = wire.display or wire.unit
+        left = f"{self.left * factor(wire.unit, unit):.3g} {unit} RMS"
+        if not self.follows:
+            return f"{self.output} does not follow {self.command}: {left} are left at any lag"
+        late = f"{1e3 * self.time:.3g} ms ({self.rows:.1f} rows)"
+        return f"{self.output} follows {self.command} {late} later, then {left} apart"
+
+
+def lags(logs: Sequence[Log], plant: Plant) -> Iterator[Lag]:
+    """Yield the lag of every output that has the unit of a command, over all logs that have both.
+
+    Args:
+        logs: with commands that may hold between rows; of held-out samples too.
+        plant: says the units.
+
+    Example:
+        >>> [round(lag.time, 3) for lag in lags(logs, plant)]  # s
+        [0.147]
+    """
+    units = {wire.name: exponents(wire.unit) for wire in plant.wire.values()}
+    for wire in plant.inputs:
+        for output in plant.outputs:
+            both = [log for log in logs if wire.name in log.inputs and output in log.outputs]
+            if both and not wire.flag and units[wire.name] == units[output]:
+                found = _lag(both, wire.name, output)
+                if found:
+                    yield found
+
+
+def _lag(logs: Sequence[Log], command: str, output: str) -> Lag | None:
+    step = float(np.median(np.concatenate([np.diff(log.times) for log in logs])))
+    readings = [log.outputs[output] for log in logs]
+    moves = float(np.std(np.concatenate(readings)))
+    if not moves or all(np.ptp(log.inputs[command]) == 0.0 for log in logs):
+        return None
+
+    def left(lag: float) -> float:
+        """RMS about the mean, of rows from where every lag has a command."""
+        errors = [
+            (reading - np.interp(log.times - lag, log.times, log.inputs[command]))[
+                log.times >= min(LONGEST, 0.5 * log.duration)
+            ]
+            for log, reading in zip(logs, readings)
+        ]
+        return float(np.std(np.concatenate(errors)))
+
+    coarse = np.linspace(0.0, LONGEST, COARSE)
+    best = float(min(coarse, key=left))
+    spacing = float(coarse[1])
+    near = np.clip(np.linspace(best - spacing, best + spacing, FINE), 0.0, LONGEST)
+    best = float(min(near, key=left))
+    return Lag(output, command, best, best / step, left(best), left(best) <= FOLLOWED * moves)
