@@ -33,18 +33,18 @@ HELD_OUT_FROM = 3  # episodes from which the last one is held out
 COMMAND, READING = "action", "observation.state"
 TURN_OF_COUNTS = 4096  # counts a turn of the encoders in servos on a bus
 NORMALISED = 100.5  # end of the range of normalised positions, and rounding
+ROUNDED_STAMP = 1e-2  # frames by which a nominal time stamp is rounded
 RADIANS = 6.6  # largest angle of a joint in rad, a turn and some more
 LARGEST_DEGREES = 400.0
 """Largest angle of a joint in degrees; whole numbers beyond are counts."""
 UNSURE = (
-    "degrees, or -100..100 of the calibrated range? Of the latter add"
-    f" scale = (range_max - range_min) / 200 * 360 / {TURN_OF_COUNTS} from the calibration file;"
-    " without it, sizes are in hundredths of half that range"
+    "degrees, or -100..100 (a gripper 0..100) of the calibrated range? Of the latter add scale ="
+    f" (range_max - range_min) / 200 (a gripper: / 100) * 360 / {TURN_OF_COUNTS} from the"
+    " calibration file; without it, read 'deg' in every result as that hundredth"
 )
-NOMINAL = (
-    "time stamps are nominal, frame / {fps:g} Hz, so that no jitter can be seen; the action is what"
-    " was asked for, before the robot clipped it"
-)
+NOMINAL = "time stamps are nominal, frame / {fps:g} Hz, so that no jitter can be seen"
+NO_GOAL = ": if its command is no angle to go to, such as a step or a rate, name another column"
+CLIPPED = "the action is what was asked for, before the robot clipped it"
 
 
 @dataclass(frozen=True)
@@ -132,11 +132,11 @@ def write_joints(
             yield f"{_told(joint.name)}: no description, since {error}", True
             continue
         written += 1
-        said = [
-            it.sentence(description.model.plant.wire[it.output])
-            for it in lags(description.logs, description.model.plant)
-        ]
-        yield f"wrote '{file}': {'; '.join(said)}", False
+        plant = description.model.plant
+        found_lags = list(lags(description.logs, plant))
+        said = "; ".join(lag.sentence(plant.wire[lag.output]) for lag in found_lags)
+        cure = "" if all(lag.follows for lag in found_lags) else NO_GOAL
+        yield f"wrote '{file}': {said}{cure}", bool(cure)
     if not written:
         raise UserError(f"'{path}': no joint can be described; each says why above")
     doubts = dict.fromkeys(joint.doubt for joint in files.values() if joint.doubt)
@@ -241,7 +241,8 @@ def _data_set(path: Path) -> Recording:
         time = 'time = { column = "timestamp" }'
         joints.append(Joint(name, (time,), *columns, unit, doubt, _runs(own)))
     fps = info.fps or _rate(next(iter(read.values())))
-    notes = [NOMINAL.format(fps=fps)]
+    nominal = all(_is_nominal(columns, fps) for columns in read.values())
+    notes = [*([NOMINAL.format(fps=fps)] if nominal else []), CLIPPED]
     if not info.names:
         notes.append(
             "without meta/info.json joints have numbers: copy the data set whole for names"
@@ -256,6 +257,12 @@ def _data_set(path: Path) -> Recording:
 def _rate(columns: Columns) -> float:
     """Frames in a second by the stamps."""
     return float(1.0 / np.median(np.diff(columns.numbers("timestamp"))))
+
+
+def _is_nominal(columns: Columns, fps: float) -> bool:
+    """Whether stamps are the numbers of the frames, times the period."""
+    off = columns.numbers("timestamp") * fps - columns.numbers("frame_index")
+    return bool(np.abs(off).max() < ROUNDED_STAMP)
 
 
 def _listed(numbers: set[int]) -> str:

@@ -446,7 +446,7 @@ def _why_not(column: Column, made: Draft) -> str:
     if not column.moves:
         return "constant"
     if column.counts:
-        return "it counts the rows, or runs of them"
+        return "it counts rows, or runs of them"
     if not _tells(column, plant):
         return "the name does not tell what it is"
     mains = (made.main, plant.outputs[0])

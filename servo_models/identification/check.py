@@ -38,7 +38,8 @@ class Check(Result):
     ``asked`` are the parameters that the description frees or gives an uncertainty;
     ``implausible`` says what makes no sense beside the actuator, one sentence each; where that is
     the time, nothing was simulated and ``identifiability`` is empty.  ``blurs`` are what the
-    resolution of the inputs' columns may hide.
+    resolution of the inputs' columns may hide.  ``commanded`` is false where no log says what its
+    inputs were, or how it was let go.
     """
 
     description: Description
@@ -48,6 +49,7 @@ class Check(Result):
     asked: tuple[str, ...]
     implausible: tuple[str, ...] = ()
     blurs: tuple[Blur, ...] = ()
+    commanded: bool = True
 
     @property
     def plant(self) -> Plant:
@@ -58,6 +60,11 @@ class Check(Result):
         """What is serious, one sentence each."""
         said = list(self.implausible)
         said += [f"log '{a.log.name}': {text}" for a in self.audits for text in a.warnings]
+        if not self.commanded and not said:
+            said.append(
+                "no column is an input, so nothing says what was commanded: name that of the"
+                " command, or say how the log begins by 'start' if there was none"
+            )
         free = free_names(self.plant, self.description.free)
         every = (*self.identifiability.parameters, *self.identifiability.effects)
         if every and all(reach.moves < NOTHING for reach in every):
@@ -102,6 +109,7 @@ def check(described: Description | str | Path, jobs: int | None = None) -> Check
     if not description.logs:
         raise UserError(f"'{description.path}' describes no log: add [[logs]]")
     plant = description.model.plant
+    commanded = any(log.inputs or not log.assumed for log in description.logs)
     clocks = implausible_clocks(description)
     false: dict[str, tuple[str, Log]] = {}
     if not clocks:
@@ -131,7 +139,8 @@ def check(described: Description | str | Path, jobs: int | None = None) -> Check
     beyond = [text for run in runs for text in run.notices({})]
     beyond += shifted_outputs(runs, {}, floors)
     hidden = blurs(description.model, description.logs, floors, {})
-    return Check(description, audited, floors, determined, asked, (*odd, *beyond), hidden)
+    told = (*odd, *beyond)
+    return Check(description, audited, floors, determined, asked, told, hidden, commanded)
 
 
 def _odd(description: Description, false: Mapping[str, tuple[str, Log]]) -> tuple[str, ...]:

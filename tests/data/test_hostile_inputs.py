@@ -116,6 +116,16 @@ def test_lists_in_parquet_are_not_unpacked(tmp_path: Path, small: int) -> None:
     assert sum(cells.estimated_size() for cells in columns.cells) < small
 
 
+def test_a_scan_stays_in_its_cell(tmp_path: Path, small: int) -> None:
+    """A list of another length in each row does not tell its size in the schema."""
+    path = tmp_path / "scan.parquet"
+    scans = [[0.0] * (small // 2), [0.0]]
+    pl.DataFrame({"t": [0.0, 1.0], "scan": scans}).write_parquet(path, compression="zstd")
+    columns = read_columns(path)
+    assert columns.names == ("t", "scan")
+    assert sum(cells.estimated_size() for cells in columns.cells) < small
+
+
 def test_records_of_a_name_each_are_not_unpacked(tmp_path: Path, small: int) -> None:
     """A table of them has as many cells as rows times names."""
     path = tmp_path / "log.json"

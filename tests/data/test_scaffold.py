@@ -369,7 +369,7 @@ def test_an_action_is_a_command_and_an_observation_a_reading(tmp_path: Path, act
     assert np.array_equal(command.column.values, action[:, 0])
     assert (reading.column.key, reading.wire.name) == ("observation.state[0]", "angle")
     assert np.array_equal(reading.column.values, state[:, 0])
-    assert 'not used, it counts the rows, or runs of them: "frame_index", "index"' in made.not_used
+    assert 'not used, it counts rows, or runs of them: "frame_index", "index"' in made.not_used
     assert any('taken from "action[0]": "action[1]"' in text for text in made.not_used)
     target = tmp_path / "rig.toml"
     target.write_text(made.text(tmp_path))

@@ -9,6 +9,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import importlib
+import os
 import pkgutil
 from pathlib import Path
 from types import ModuleType
@@ -35,6 +36,10 @@ def read_columns(path: Path, table: str | None = None, header: bool | None = Non
     """
     path = Path(path)
     known = _formats()
+    if os.path.isdir(path):
+        raise UserError(
+            f"'{path}' is a folder, and no LeRobot data set with a meta/info.json: name a file in it"
+        )
     if path.suffix.lower() not in known:
         raise UserError(
             f"'{path}' is of no known format: its name may end in {', '.join(suffixes())}"

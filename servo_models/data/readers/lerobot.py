@@ -90,9 +90,11 @@ def episodes(path: Path) -> dict[int, tuple[Path, int]]:
     It is empty for what is no such file.
 
     Raises:
-        UserError: a data set without a file of frames; an episode in two files.
+        UserError: a data set without a file of frames, or with a damaged one; an episode in two
+            files.
     """
-    if is_data_set(path):
+    whole = is_data_set(path)
+    if whole:
         files = matching(path, DATA)
         if not files:
             raise UserError(
@@ -102,7 +104,7 @@ def episodes(path: Path) -> dict[int, tuple[Path, int]]:
         files = [path] if path.suffix.lower() == ".parquet" and os.path.isfile(path) else []
     found: dict[int, tuple[Path, int]] = {}
     for file in files:
-        for number, frames in _frames(file).items():
+        for number, frames in _frames(file, whole).items():
             if number in found:
                 raise UserError(
                     f"'{file}' has episode {number}, and so has '{found[number][0]}': remove one"
@@ -111,8 +113,8 @@ def episodes(path: Path) -> dict[int, tuple[Path, int]]:
     return dict(sorted(found.items()))
 
 
-def _frames(file: Path) -> dict[int, int]:
-    """Frames of each episode in a file, none where it is damaged or no file of a data set."""
+def _frames(file: Path, sure: bool) -> dict[int, int]:
+    """Frames of each episode in a file, none in another; ``sure`` that it is one of a data set."""
     import polars as pl
 
     try:
@@ -122,6 +124,8 @@ def _frames(file: Path) -> dict[int, int]:
                 return {}
             check_size(file, float(lazy.select(pl.len()).collect().item()) * NUMBER)
             counts = lazy.group_by(pl.col("episode_index").cast(pl.Int64)).len().collect()
-    except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError):
+    except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError) as error:
+        if sure:
+            raise UserError(f"'{file}' is damaged or no Parquet file: write it again") from error
         return {}  # the reader of the file says what is wrong
     return {number: frames for number, frames in counts.iter_rows() if number is not None}
