@@ -34,8 +34,8 @@ def check(
 
     Exit code 0: usable, 1: usable with the warnings printed, 2: could not run.
     With --init also 1 where the description has to be completed, or a column
-    of measurements or a joint cannot be used.  A LeRobot data set gives a
-    description for each joint.
+    of measurements or a joint cannot be used.  A LeRobot data set or a
+    ROS 2 bag with joints gives a description for each joint.
 
     Examples:
 
@@ -46,15 +46,17 @@ def check(
     servo-models check my_data_set --init
     """
     from servo_models.data.description import check_is_description, read_description
-    from servo_models.data.joints import has_joints, write_joints
+    from servo_models.data.joints import recording, write_joints
+    from servo_models.data.readers import is_bag
 
-    if init and has_joints(file):
+    found_joints = recording(file) if init else None
+    if found_joints:
         faults = False
-        for text, is_fault in write_joints(file, out, actuator, trust):
+        for text, is_fault in write_joints(found_joints, out, actuator, trust):
             print(f"Warning: {text}" if is_fault else text)
             faults |= is_fault
         return 1 if faults else 0
-    if init and os.path.isdir(file):  # False for a name that is too long
+    if init and os.path.isdir(file) and not is_bag(file):  # False for a name that is too long
         check_is_description(file)
     if init:
         return _init(file, out, actuator, trust)

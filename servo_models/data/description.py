@@ -18,7 +18,8 @@ from servo_models.core.plant import Actuator, unknown
 from servo_models.core.simulate import Model, model
 from servo_models.data.log import Log
 from servo_models.data.parameters import ParameterFile, ParameterSet, read_parameters
-from servo_models.data.readers import Columns, read_columns, suffixes
+from servo_models.data.readers import Columns, is_bag, read_columns, suffixes
+from servo_models.data.readers.lerobot import is_data_set
 from servo_models.data.runs import check_apart, runs
 from servo_models.data.schema import (
     Quantity,
@@ -143,7 +144,8 @@ def check_is_description(path: Path) -> None:
     if told := next(filter(_tells_of_logs, files), None):
         raise UserError(f"'{path}' is {what}; there is one: '{told}'")
     logs = (file for file in files if file.suffix.lower() in suffixes() and file.is_file())
-    log = next(logs, None) if is_folder else path
+    is_log = not is_folder or is_bag(path) or is_data_set(path)
+    log = path if is_log else next(logs, None)
     if not log:
         raise UserError(f"'{path}' is a folder without a log: name a description or a log")
     raise UserError(f"'{path}' is {what}; begin one with 'servo-models check {log} --init'")

@@ -17,9 +17,11 @@ from servo_models.core.plant import Actuator, Variant
 from servo_models.core.types import Array
 from servo_models.data.description import read_description
 from servo_models.data.lag import lags
-from servo_models.data.readers import Columns, read_columns
+from servo_models.data.readers import Columns, is_bag, read_columns, read_tables
 from servo_models.data.readers.lerobot import Info, episodes, is_data_set, read_info, root_of
+from servo_models.data.readers.ros import HEADER_STAMP
 from servo_models.data.scaffold import CHECK, LONGEST_SENTENCE
+from servo_models.data.scaffold import COMMAND as WORDS_OF_COMMANDS
 from servo_models.data.schema import quoted
 from servo_models.data.signals import LEAST_SAMPLES
 from servo_models.errors import UserError, printable
@@ -31,6 +33,21 @@ GENERAL = "second_order_servo"
 MOST_EPISODES = 10  # in a first description: more of them take longer and tell little more
 HELD_OUT_FROM = 3  # episodes from which the last one is held out
 COMMAND, READING = "action", "observation.state"
+OF_TOPICS = (".mcap", ".db3")
+CONTROLLER = (
+    ("reference.positions", "feedback.positions"),
+    ("desired.positions", "actual.positions"),
+)
+"""Fields of control_msgs/JointTrajectoryControllerState, of now and before ROS 2 Iron."""
+JOINT_STATE = "position"
+"""Field of sensor_msgs/JointState."""
+BY_HEADER = "the stamps in the headers, not those of arrival"
+BY_ARRIVAL = (
+    "those of arrival at the recorder, since the headers have no common stamps: a late message"
+    " looks like a late joint"
+)
+ARRAY, TRAJECTORY = "data[", "points[0].positions"
+"""Fields of std_msgs/Float64MultiArray and trajectory_msgs/JointTrajectory."""
 TURN_OF_COUNTS = 4096  # counts a turn of the encoders in servos on a bus
 NORMALISED = 100.5  # end of the range of normalised positions, and rounding
 ROUNDED_STAMP = 1e-2  # frames by which a nominal time stamp is rounded
@@ -55,7 +72,7 @@ class Joint:
         name: as the recording calls it.
         log: lines of its ``[[logs]]`` above the signals, with ``{file}`` for where it lies.
         command, reading: columns, as keys of a signal; ``unit`` is that of both, with its scale.
-        doubt: what is guessed of the unit, "" for nothing.
+        guessed: what is, and ``doubt`` why.
         runs: lines below the signals.
     """
 
@@ -64,7 +81,8 @@ class Joint:
     command: str
     reading: str
     unit: str
-    doubt: str = ""
+    guessed: str
+    doubt: str
     runs: Sequence[str] = ()
 
 
@@ -78,18 +96,20 @@ class Recording:
     left_out: tuple[str, ...] = ()
 
 
-def has_joints(path: Path) -> bool:
-    """Whether a file or folder is a recording of a robot with joints."""
-    return is_data_set(path) or bool(episodes(path))
-
-
-def recording(path: Path) -> Recording:
-    """Return the joints of a recording.
+def recording(path: Path) -> Recording | None:
+    """Return the joints of a robot's recording, None for a log of something else.
 
     Raises:
         UserError: it cannot be read, or no joint has both a command and a reading.
     """
-    found = _data_set(path)
+    if is_data_set(path) or episodes(path):
+        found = _data_set(path)
+    elif is_bag(path) or path.suffix.lower() in OF_TOPICS:
+        found = _bag(path)
+        if not (found.joints or found.left_out):
+            return None
+    else:
+        return None
     if not found.joints:
         raise UserError(
             f"'{path}' has no joint with a command and a reading: {'; '.join(found.left_out)}"
@@ -98,20 +118,20 @@ def recording(path: Path) -> Recording:
 
 
 def write_joints(
-    path: Path, folder: Path | None, actuator: str | None, trust: bool
+    found: Recording, folder: Path | None, actuator: str | None, trust: bool
 ) -> Iterator[tuple[str, bool]]:
     """Write a description for each joint, and yield what is to be told, and whether it is a fault.
 
     Args:
-        path: the recording.
+        found: the recording.
         folder: to write into; None for beside it, behind its name.
         actuator: name of what all joints are, None for a general one.
 
     Raises:
-        UserError: see ``recording``; a file that is there already, an actuator without a goal, or
+        UserError: a file that is there already, an actuator without a goal, or
             no joint whose description can be read.
     """
-    found = recording(path)
+    path = found.path
     chosen, variant = _chosen(actuator or GENERAL)
     whole = path.resolve()
     stem = "" if folder else f"{whole.stem if whole.is_file() else whole.name}_"
@@ -139,8 +159,8 @@ def write_joints(
         yield f"wrote '{file}': {said}{cure}", bool(cure)
     if not written:
         raise UserError(f"'{path}': no joint can be described; each says why above")
-    doubts = dict.fromkeys(joint.doubt for joint in files.values() if joint.doubt)
-    for text in (*found.notes, *(f"guessed, the unit: {doubt}" for doubt in doubts)):
+    doubts = dict.fromkeys(f"guessed, {it.guessed}: {it.doubt}" for it in files.values())
+    for text in (*found.notes, *doubts):
         yield printable(text, LONGEST_SENTENCE), False
     for text in found.left_out:
         yield printable(text, LONGEST_SENTENCE), True
@@ -193,7 +213,7 @@ def _text(found: Recording, joint: Joint, chosen: Actuator, variant: Variant, fo
     goal = variant.command or chosen.step[0]
     file = quoted(Path(os.path.relpath(found.path.resolve(), folder.resolve())).as_posix())
     others = ", ".join(_others(chosen.name))
-    doubt = f"  {CHECK}: the unit" if joint.doubt else ""
+    doubt = f"  {CHECK}: {joint.guessed}"
     lines = [
         f"# Joint {_told(joint.name)}. Lines marked 'guessed' are to be checked.",
         f"actuator = {quoted(key_from(chosen, folder))}  {CHECK}; there is also {others}",
@@ -203,7 +223,7 @@ def _text(found: Recording, joint: Joint, chosen: Actuator, variant: Variant, fo
         f"file = {file}",
         *joint.log,
         *(f"# {printable(text, LONGEST_SENTENCE)}" for text in found.notes),
-        *([f"# the unit is a guess: {joint.doubt}"] if joint.doubt else []),
+        f"# guessed, {joint.guessed}: {printable(joint.doubt, LONGEST_SENTENCE)}",
         f"inputs.{goal} = {{ {joint.command}, {joint.unit} }}{doubt}",
         f"outputs.{output} = {{ {joint.reading}, {joint.unit} }}{doubt}",
         *joint.runs,
@@ -239,7 +259,7 @@ def _data_set(path: Path) -> Recording:
             continue
         columns = [f"column = {quoted(column)}" for column in (command, reading)]
         time = 'time = { column = "timestamp" }'
-        joints.append(Joint(name, (time,), *columns, unit, doubt, _runs(own)))
+        joints.append(Joint(name, (time,), *columns, unit, "the unit", doubt, _runs(own)))
     fps = info.fps or _rate(next(iter(read.values())))
     nominal = all(_is_nominal(columns, fps) for columns in read.values())
     notes = [*([NOMINAL.format(fps=fps)] if nominal else []), CLIPPED]
@@ -359,3 +379,122 @@ def _kind(columns: Columns) -> tuple[str, float]:
     if reach > LARGEST_DEGREES and not (every % 1.0).any():
         return "counts", reach
     return "deg", reach
+
+
+# Bags of ROS 2
+
+
+def _bag(path: Path) -> Recording:
+    tables = read_tables(path)
+    joints: list[Joint] = []
+    left_out: list[str] = []
+    notes: dict[str, None] = {}
+    for topic, columns in tables.items():
+        for command, reading in CONTROLLER:
+            for name in _joints_of(columns, reading):
+                if f"{command}.{name}" not in columns.names:
+                    left_out.append(_uncommanded(name, topic))
+                    continue
+                pair = (f"{command}.{name}", f"{reading}.{name}")
+                joints.append(_joint(name, topic, (columns, columns), pair, notes))
+    controlled = {joint.name for joint in joints}
+    commands = {topic: it for topic, it in tables.items() if _is_command(topic)}
+    for topic, columns in tables.items():
+        names = [] if topic in commands else _joints_of(columns, JOINT_STATE)
+        for place, name in enumerate(names):
+            if name in controlled:
+                continue
+            given = _commanded(name, place, len(names), commands)
+            if given:
+                pair = (given[1], f"{JOINT_STATE}.{name}")
+                tables_ = (commands[given[0]], columns)
+                joints.append(_joint(name, topic, tables_, pair, notes, given[0]))
+            else:
+                left_out.append(_uncommanded(name, topic))
+    sent = [topic for topic, it in tables.items() if _joints_of(it, TRAJECTORY)]
+    if sent and left_out:
+        left_out.append(
+            f"'{sent[0]}' has goals to be reached later, and not what is commanded meanwhile:"
+            " record the controller's state"
+        )
+    return Recording(path, tuple(joints), tuple(notes), tuple(left_out))
+
+
+def _joints_of(columns: Columns, field: str) -> list[str]:
+    return [it.removeprefix(f"{field}.") for it in columns.names if it.startswith(f"{field}.")]
+
+
+def _uncommanded(name: str, topic: str) -> str:
+    return (
+        f"{name}: no description, since '{topic}' has its reading and no topic its command: record"
+        " that, or the controller's state"
+    )
+
+
+def _is_command(topic: str) -> bool:
+    return bool(WORDS_OF_COMMANDS.union({"commands"}) & set(re.split(r"[^a-z]+", topic.lower())))
+
+
+def _commanded(
+    name: str, place: int, count: int, commands: Mapping[str, Columns]
+) -> tuple[str, str] | None:
+    """Topic and column of the command of a joint: by its name, else by its place in a list."""
+    for topic, columns in commands.items():
+        if name in _joints_of(columns, JOINT_STATE):
+            return topic, f"{JOINT_STATE}.{name}"
+    for topic, columns in commands.items():
+        items = [column for column in columns.names if column.startswith(ARRAY)]
+        if len(items) == count:
+            return topic, items[place]
+    return None
+
+
+def _joint(
+    name: str,
+    topic: str,
+    tables: tuple[Columns, Columns],
+    pair: tuple[str, str],
+    notes: dict[str, None],
+    source: str = "",
+) -> Joint:
+    """A joint of a bag; ``source`` is the topic of its command if it is another one."""
+    by_header = all(map(_has_stamps, tables)) and _overlap(*tables)
+    times = f"times of '{topic}'" + (f" and '{source}'" if source else "")
+    notes[f"{times} are {BY_HEADER if by_header else BY_ARRIVAL}"] = None
+    column = HEADER_STAMP if by_header else "log_time"
+    again = (np.diff(tables[1].numbers(column)) == 0.0).any()
+    repeats = ', repeats = "drop"' if again else ""
+    held = f", table = {quoted(source)}" if source else ""
+    guessed, doubt = "the unit", "rad, as ROS has it for joints that turn; one that slides is in m"
+    if pair[0].startswith(ARRAY):
+        guessed = "the unit and the place in the list"
+        doubt = f"{doubt}; '{source}' names no joints, so theirs may be in another order"
+    return Joint(
+        name,
+        (
+            f"table = {quoted(topic)}",
+            f'time = {{ column = {quoted(column)}, unit = "ns"{repeats} }}',
+        ),
+        f"column = {quoted(pair[0])}{held}",
+        f"column = {quoted(pair[1])}",
+        'unit = "rad"',
+        guessed,
+        doubt,
+    )
+
+
+def _has_stamps(columns: Columns) -> bool:
+    """Whether every header has a stamp, and these rise."""
+    if HEADER_STAMP not in columns.names:
+        return False
+    try:
+        steps = np.diff(columns.numbers(HEADER_STAMP))
+    except UserError:
+        return False
+    return bool((steps >= 0.0).all() and (steps > 0.0).any())
+
+
+def _overlap(one: Columns, other: Columns) -> bool:
+    """Whether both are stamped by one clock, as far as one can see."""
+    stamps = [columns.numbers(HEADER_STAMP) for columns in (one, other)]
+    return bool(max(it[0] for it in stamps) < min(it[-1] for it in stamps))

@@ -19,7 +19,7 @@ from servo_models.core.plant import Actuator, Plant, Variant, Wire
 from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
 from servo_models.data.clock import dithered
-from servo_models.data.readers import Columns, read_columns
+from servo_models.data.readers import Columns, read_tables
 from servo_models.data.readers.lerobot import INDICES
 from servo_models.data.schema import quoted as _quoted
 from servo_models.data.sensor import difference_noise
@@ -703,24 +703,10 @@ def _columns_of(path: Path) -> tuple[list[Column], list[LeftOut]]:
 
 
 def _tables(path: Path) -> Iterator[tuple[str | None, Columns]]:
-    """Tables of a file; where it has several, their columns are called ``table.column``."""
-    every = read_columns(path)
-    tables: dict[str, Columns] = {}
-    refused: set[str] = set()
-    for name in every.names:
-        if any(name.startswith(f"{table}.") for table in tables):
-            continue
-        prefixes = (name[: dot.start()] for dot in re.finditer(r"\.", name))
-        for prefix in (prefix for prefix in prefixes if prefix not in refused):
-            try:
-                tables[prefix] = read_columns(path, prefix)
-                break
-            except UserError:
-                refused.add(prefix)
-    if tables:
-        yield from tables.items()
-    else:
-        yield None, every
+    """Tables of a file, by name where it has several."""
+    tables = read_tables(path)
+    for name, columns in tables.items():
+        yield (name, columns) if len(tables) > 1 else (None, replace(columns, table=""))
 
 
 def _column(columns: Columns, place: int, table: str | None) -> Column | LeftOut:

@@ -220,7 +220,7 @@ def test_a_unit_is_guessed_and_a_doubt_is_a_question(
     ]
     code, out = init(run, data_set(tmp_path / "set", recorded))
     assert code == 0
-    assert out.count(f"guessed, the unit: ") == 1
+    assert out.count("guessed, the unit: ") == 1
     assert words in out
     text = (tmp_path / "set_elbow.toml").read_text()
     assert text.count(f"{unit} }}  # guessed: the unit") == 2

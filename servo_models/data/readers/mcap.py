@@ -1,7 +1,8 @@
 """MCAP files with messages in JSON or of ROS 2: a topic is a table.
 
-Besides the fields of its messages a table has ``log_time`` and ``publish_time`` in ns since
-the first message of the file.  Rows count the topic's messages from 1.
+Besides the fields of its messages a table has ``log_time``, ``publish_time`` and, if they have a
+header, ``header_stamp`` in ns since the first message of the file.  Rows count the messages of
+the topic from 1.
 """
 
 from __future__ import annotations
@@ -12,7 +13,8 @@ import json
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from servo_models.data.readers.columns import Source, Tables, column_of, columns_of, extra
+from servo_models.data.readers.columns import Source, Tables, extra
+from servo_models.data.readers.ros import message_columns
 from servo_models.errors import UserError
 from servo_models.files import check_size
 
@@ -45,23 +47,28 @@ def read(source: Source) -> Tables:
         if item[1].message_encoding in ENCODINGS or item[1].topic == source.table:
             topics.setdefault(item[1].topic, []).append(item)
     first = min((message.log_time for _, _, message in found), default=0)
-    return Tables({name: _columns(source, topics[name], first) for name in source.wanted(topics)})
+    cells, aliases = {}, {}
+    for name in source.wanted(topics):
+        cells[name], aliases = _columns(source, topics[name], first)
+    return Tables(cells, aliases=aliases if len(cells) == 1 else {})
 
 
-def _columns(source: Source, items: list[Any], first: int) -> list[pl.Series]:
+def _columns(
+    source: Source, items: list[Any], first: int
+) -> tuple[list[pl.Series], dict[str, str]]:
     decoders: dict[int, Callable[[bytes], Any]] = {}
     for schema, channel, _ in items:
         if channel.id not in decoders:
             decoders[channel.id] = _decoder(source, schema, channel)
-    times = [
-        column_of(name, [getattr(message, name) - first for _, _, message in items])
+    times = {
+        name: [getattr(message, name) for _, _, message in items]
         for name in ("log_time", "publish_time")
-    ]
+    }
     try:
         records = [decoders[channel.id](message.data) for _, channel, message in items]
     except Exception as error:  # as many kinds as there are decoders
         raise source.damaged("MCAP") from error
-    return times + columns_of(source, records)
+    return message_columns(source, times, records, first)
 
 
 def _decoder(source: Source, schema: Any, channel: Any) -> Callable[[bytes], Any]:

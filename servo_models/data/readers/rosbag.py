@@ -1,0 +1,84 @@
+"""Bags of ROS 2, in MCAP or sqlite3, with ``metadata.yaml`` or as one ``.db3``: a topic is a table.
+
+Besides the fields of its messages a table has ``log_time``, when a message arrived, and
+``header_stamp`` if it has a header, in ns since the first message.  Rows count from 1.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from servo_models.data.readers.columns import Source, Tables, extra
+from servo_models.data.readers.ros import message_columns
+from servo_models.errors import UserError
+from servo_models.files import check_size
+
+SUFFIXES = (".db3",)
+FOLDER = "metadata.yaml"
+"""File by which a folder is a bag."""
+LARGEST_MESSAGE = 16 << 10  # bytes; larger ones are images or scans, and read only if asked for
+
+
+def read(source: Source) -> Tables:
+    """Read a bag.
+
+    Raises:
+        UserError: it is damaged or cut short, or has no such topic; messages of a type that neither
+            the bag nor ROS itself describes.
+    """
+    rosbags, stores = extra("ros", "rosbags.highlevel"), extra("ros", "rosbags.typesys")
+    usual = stores.get_typestore(stores.Stores.LATEST)
+    try:
+        with rosbags.AnyReader([Path(source.path)], default_typestore=usual) as bag:
+            return _tables(source, bag)
+    except UserError:
+        raise
+    except Exception as error:  # rosbags, apsw and ruamel raise many kinds
+        raise UserError(
+            f"'{source.path}' is damaged, cut short or no bag of ROS 2: 'ros2 bag reindex' mends"
+            " metadata.yaml and 'mcap recover' an .mcap, or record it again"
+        ) from error
+
+
+def _tables(source: Source, bag: Any) -> Tables:
+    size, times, records = 0, {}, {}  # type: ignore[var-annotated]
+    unknown: dict[str, str] = {}
+    wanted = [it for it in bag.connections if source.table in (None, it.topic)]
+    first = min(bag.start_time, 2**63 - 1)
+    for connection, arrived, raw in bag.messages(connections=wanted) if wanted else ():
+        topic = connection.topic
+        if topic in unknown or (source.table is None and len(raw) > LARGEST_MESSAGE):
+            continue
+        size += len(raw)
+        check_size(source.path, size)
+        try:
+            message = bag.deserialize(raw, connection.msgtype)
+        except KeyError:
+            unknown[topic] = connection.msgtype
+            continue
+        times.setdefault(topic, []).append(arrived)
+        records.setdefault(topic, []).append(_plain(message))
+    if source.table in unknown:
+        raise UserError(
+            f"{source.place}: the bag does not describe its type '{unknown[source.table]}': record"
+            " it as MCAP"
+        )
+    known = dict.fromkeys([*records, *(it.topic for it in bag.connections)])
+    names = [name for name in source.wanted(known) if name in records or source.table]
+    cells, aliases = {}, {}
+    for name in names:
+        own = {"log_time": times.get(name, [])}
+        cells[name], aliases = message_columns(source, own, records.get(name, []), first)
+    return Tables(cells, aliases=aliases if len(names) == 1 else {})
+
+
+def _plain(value: Any) -> Any:
+    """A message as dictionaries, lists and scalars."""
+    if fields := getattr(value, "__dataclass_fields__", None):
+        return {name: _plain(getattr(value, name)) for name in fields if name != "__msgtype__"}
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    if isinstance(value, list):
+        return [_plain(item) for item in value]
+    return value

@@ -1,0 +1,212 @@
+"""Bags of ROS 2: joints by name, commands beside readings, which stamps count."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from servo_models.core.types import Array
+from servo_models.data.description import read_description
+from servo_models.data.readers import read_columns
+from servo_models.errors import UserError
+from tests.conftest import Run
+from tests.support.bags import (
+    EPOCH,
+    Message,
+    array,
+    bag,
+    controller_state,
+    joint_state,
+    ns,
+    sampled,
+)
+
+NAMES = ("shoulder", "elbow")
+LATE = 0.05  # s, by which readings follow commands
+TRANSPORT = 0.013  # s, from a stamp to the arrival
+STORAGES = ("mcap", "sqlite3")
+
+
+def goals(time: float) -> list[float]:
+    return [float(np.sin(1.5 * time)), float(0.7 * np.sin(2.5 * time + 1.0))]
+
+
+def places(time: float) -> list[float]:
+    return goals(time - LATE)
+
+
+def controller(time: float) -> Message:
+    message = controller_state(EPOCH + ns(time), NAMES, goals(time), places(time))
+    return ns(time + TRANSPORT), message
+
+
+def state(time: float) -> Message:
+    return ns(time + TRANSPORT), joint_state(EPOCH + ns(time), NAMES, places(time))
+
+
+def state_backwards(time: float) -> Message:
+    """Every other message has its joints the other way round."""
+    turn = 1 if round(100 * time) % 2 else -1
+    message = joint_state(EPOCH + ns(time), NAMES[::turn], places(time)[::turn])
+    return ns(time + TRANSPORT), message
+
+
+def command(time: float) -> Message:
+    return ns(time), joint_state(EPOCH + ns(time), NAMES, goals(time))
+
+
+def command_list(time: float) -> Message:
+    return ns(time), array(goals(time))
+
+
+def init(run: Run, path: Path, *more: str) -> tuple[int, str]:
+    code, out, err = run("check", path, "--init", *more)
+    return code, out + err
+
+
+def held(times: Array, period: float, place: int) -> Array:
+    """Goals that were sent every ``period`` [s] for 4 s, as they are at other times."""
+    sent = np.minimum(np.floor(times / period + 1e-9) * period, 4.0 - period)
+    return np.array([goals(float(time))[place] for time in sent])
+
+
+@pytest.mark.parametrize("storage", STORAGES)
+def test_a_controller_s_state_is_found_by_itself(run: Run, tmp_path: Path, storage: str) -> None:
+    folder = bag(tmp_path / "rig", {"/arm/state": sampled(controller, 0.01, 4.0)}, storage)
+    code, out = init(run, folder)
+    assert code == 0
+    assert out.count("(5.0 rows) later") == 2
+    assert "times of '/arm/state' are the stamps in the headers" in out
+    for place, name in enumerate(NAMES):
+        (log,) = read_description(tmp_path / f"rig_{name}.toml").logs
+        assert log.times == pytest.approx(np.arange(0.0, 4.0, 0.01), abs=1e-7)
+        expected = np.array([goals(float(time))[place] for time in log.times])
+        assert log.inputs["goal"] == pytest.approx(expected, abs=1e-6)
+        expected = np.array([places(float(time))[place] for time in log.times])
+        assert log.outputs["angle_reading"] == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.parametrize("storage", STORAGES)
+def test_joints_keep_their_names_and_a_command_holds(
+    run: Run, tmp_path: Path, storage: str
+) -> None:
+    topics = {
+        "/joint_states": sampled(state_backwards, 0.01, 4.0),
+        "/joint_command": sampled(command, 0.04, 4.0),
+    }
+    code, out = init(run, bag(tmp_path / "rig", topics, storage))
+    assert code == 0
+    assert "times of '/joint_states' and '/joint_command' are the stamps in the headers" in out
+    for place, name in enumerate(NAMES):
+        (log,) = read_description(tmp_path / f"rig_{name}.toml").logs
+        expected = np.array([places(float(time))[place] for time in log.times])
+        assert log.outputs["angle_reading"] == pytest.approx(expected, abs=1e-6)
+        assert log.inputs["goal"] == pytest.approx(held(log.times, 0.04, place), abs=1e-6)
+
+
+def test_without_a_header_arrival_counts_and_places_are_guessed(run: Run, tmp_path: Path) -> None:
+    topics = {
+        "/joint_states": sampled(state, 0.01, 4.0),
+        "/controller/commands": sampled(command_list, 0.02, 4.0),
+    }
+    code, out = init(run, bag(tmp_path / "rig", topics))
+    assert code == 0
+    assert "are those of arrival at the recorder" in out
+    assert "names no joints" in out
+    assert 'log_time", unit = "ns"' in (tmp_path / "rig_elbow.toml").read_text()
+    (log,) = read_description(tmp_path / "rig_elbow.toml").logs
+    arrived = log.times + TRANSPORT
+    assert log.inputs["goal"] == pytest.approx(held(arrived, 0.02, 1), abs=1e-6)
+
+
+@pytest.mark.parametrize("storage", STORAGES)
+def test_a_single_file_of_a_bag(run: Run, tmp_path: Path, storage: str) -> None:
+    folder = bag(tmp_path / "rig", {"/arm/state": sampled(controller, 0.01, 2.0)}, storage)
+    suffix = {"mcap": ".mcap", "sqlite3": ".db3"}[storage]
+    (file,) = (path for path in folder.iterdir() if path.suffix == suffix)
+    code, _ = init(run, file, "--out", str(tmp_path / "own"))
+    assert code == 0
+    for name in NAMES:
+        assert len(read_description(tmp_path / "own" / f"{name}.toml").logs[0].times) == 200
+    columns = read_columns(file)
+    assert columns.index("feedback.positions[1]") == columns.index("feedback.positions.elbow")
+
+
+def test_a_place_in_a_list_that_changes_is_no_column(tmp_path: Path) -> None:
+    folder = bag(tmp_path / "rig", {"/joint_states": sampled(state_backwards, 0.01, 1.0)})
+    columns = read_columns(folder)
+    assert "position.elbow" in columns.names
+    with pytest.raises(UserError, match="no column"):
+        columns.index("position[1]")
+
+
+def test_a_joint_without_a_command_leaves_the_others(run: Run, tmp_path: Path) -> None:
+    def one(time: float) -> Message:
+        return ns(time), joint_state(EPOCH + ns(time), ["elbow"], [goals(time)[1]])
+
+    topics = {"/joint_states": sampled(state, 0.01, 2.0), "/cmd": sampled(one, 0.01, 2.0)}
+    code, out = init(run, bag(tmp_path / "rig", topics))
+    assert code == 1
+    assert "Warning: shoulder: no description, since '/joint_states' has its reading" in out
+    assert [file.name for file in tmp_path.glob("*.toml")] == ["rig_elbow.toml"]
+    code, out = init(run, bag(tmp_path / "none", {"/joint_states": sampled(state, 0.01, 2.0)}))
+    assert code == 2
+    assert "has no joint with a command and a reading" in out
+    assert "usable" not in out
+
+
+def cut(path: Path, share: float) -> None:
+    content = path.read_bytes()
+    path.write_bytes(content[: int(share * len(content))])
+
+
+@pytest.mark.parametrize("storage", STORAGES)
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.9])
+def test_a_truncated_bag_is_told(run: Run, tmp_path: Path, storage: str, share: float) -> None:
+    folder = bag(tmp_path / "rig", {"/arm/state": sampled(controller, 0.01, 2.0)}, storage)
+    for path in folder.iterdir():
+        if path.suffix != ".yaml":
+            cut(path, share)
+    code, out = init(run, folder)
+    assert code == 2
+    assert f"'{folder}' is damaged, cut short or no bag of ROS 2" in out
+    assert "\n" not in out.strip()
+
+
+@pytest.mark.parametrize("content", ["", "a: [", "rosbag2_bagfile_information: 3"])
+def test_damaged_metadata_is_told(run: Run, tmp_path: Path, content: str) -> None:
+    folder = bag(tmp_path / "rig", {"/arm/state": sampled(controller, 0.01, 2.0)})
+    (folder / "metadata.yaml").write_text(content)
+    code, out = init(run, folder)
+    assert code == 2
+    assert "ros2 bag reindex" in out
+    (folder / "metadata.yaml").unlink()
+    path = tmp_path / "rig.toml"
+    path.write_text(
+        'actuator = "smart_servo"\n[[logs]]\nfile = "rig"\ntime = "log_time"\noutputs.angle = "a"\n'
+    )
+    code, _, err = run("check", path)
+    assert code == 2
+    assert "metadata.yaml ('ros2 bag reindex' writes a lost one)" in err
+
+
+def test_a_large_message_is_read_only_where_it_is_asked_for(tmp_path: Path) -> None:
+    def image(time: float) -> Message:
+        return ns(time), array(np.zeros(4000))
+
+    def few(time: float) -> Message:
+        return ns(time), array([1.0])
+
+    topics: dict[str, Sequence[Any]] = {
+        "/image": sampled(image, 0.1, 1.0),
+        "/few": sampled(few, 0.1, 1.0),
+    }
+    folder = bag(tmp_path / "rig", topics)
+    assert len(read_columns(folder).names) == 3
+    assert "data[3999]" in read_columns(folder, "/image").names
+    with pytest.raises(UserError, match="has no table '/imag'; did you mean '/image'"):
+        read_columns(folder, "/imag")
