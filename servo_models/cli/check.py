@@ -46,7 +46,7 @@ def check(
     servo-models check my_data_set --init
     """
     from servo_models.data.description import check_is_description, read_description
-    from servo_models.data.joints import recording, write_joints
+    from servo_models.data.joints.drafts import recording, write_joints
     from servo_models.data.readers import is_bag
 
     found_joints = recording(file) if init else None

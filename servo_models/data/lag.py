@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from servo_models.core.plant import Plant, Wire
 from servo_models.data.log import Log
@@ -13,7 +14,7 @@ from servo_models.units import exponents, factor
 
 LONGEST = 1.0  # s, of a lag that is looked for
 COARSE = 60  # lags at which errors are summed up first
-FINE = 21  # lags about the best of these
+CLOSE = 1e-5  # s, to which the best lag about the best of these is found
 FOLLOWED = 0.5
 """RMS that is left over that of the reading about its mean, up to which it follows its command."""
 
@@ -86,8 +87,7 @@ def _lag(logs: Sequence[Log], command: str, output: str) -> Lag | None:
         return float(np.std(np.concatenate(errors)))
 
     coarse = np.linspace(0.0, LONGEST, COARSE)
-    best = float(min(coarse, key=left))
-    spacing = float(coarse[1])
-    near = np.clip(np.linspace(best - spacing, best + spacing, FINE), 0.0, LONGEST)
-    best = float(min(near, key=left))
+    best, spacing = float(min(coarse, key=left)), float(coarse[1])
+    ends = (max(best - spacing, 0.0), min(best + spacing, LONGEST))
+    best = float(minimize_scalar(left, bounds=ends, options={"xatol": CLOSE}).x)
     return Lag(output, command, best, best / step, left(best), left(best) <= FOLLOWED * moves)

@@ -1,0 +1,1 @@
+"""Descriptions of the joints of a robot, begun from its recording."""

@@ -1,0 +1,187 @@
+"""Joints of LeRobot data sets: an action beside an observed state, in a unit that is not told."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from servo_models.core.types import Array
+from servo_models.data.joints.recording import Joint, Recording
+from servo_models.data.readers import Columns, read_columns
+from servo_models.data.readers.lerobot import Info, episodes, is_data_set, read_info, root_of
+from servo_models.data.scaffold import CHECK
+from servo_models.data.schema import quoted
+from servo_models.data.signals import LEAST_SAMPLES
+from servo_models.errors import UserError
+
+MOST_EPISODES = 10  # in a first description: more of them take longer and tell little more
+HELD_OUT_FROM = 3  # episodes from which the last one is held out
+COMMAND, READING = "action", "observation.state"
+TURN_OF_COUNTS = 4096  # counts a turn of the encoders in servos on a bus
+NORMALISED = 100.5  # end of the range of normalised positions, and rounding
+ROUNDED_STAMP = 1e-2  # frames by which a nominal time stamp is rounded
+RADIANS = 6.6  # largest angle of a joint in rad, a turn and some more
+LARGEST_DEGREES = 400.0
+"""Largest angle of a joint in degrees; whole numbers beyond are counts."""
+UNSURE = (
+    "degrees, or -100..100 (a gripper 0..100) of the calibrated range? Of the latter add scale ="
+    f" (range_max - range_min) / 200 (a gripper: / 100) * 360 / {TURN_OF_COUNTS} from the"
+    " calibration file; without it, read 'deg' in every result as that hundredth"
+)
+NOMINAL = "time stamps are nominal, frame / {fps:g} Hz, so that no jitter can be seen"
+CLIPPED = "the action is what was asked for, before the robot clipped it"
+
+
+def data_set(path: Path) -> Recording:
+    """Return the joints of a data set, or of a file of one.
+
+    Raises:
+        UserError: it cannot be read, or has no list of readings.
+    """
+    info = read_info(path if is_data_set(path) else root_of(path))
+    known = episodes(path)
+    usable = [number for number, (_, frames) in known.items() if frames >= LEAST_SAMPLES]
+    short = {*range(info.episodes), *known}.difference(usable) if is_data_set(path) else set()
+    left_out = []
+    if short:
+        left_out.append(f"{_listed(short)} left out: fewer than {LEAST_SAMPLES} frames")
+    read = {n: read_columns(known[n][0], f"episode {n}") for n in usable[:MOST_EPISODES]}
+    odd, unit, doubt = _units(read)
+    left_out += odd.values()
+    read = {number: columns for number, columns in read.items() if number not in odd}
+    if not read:
+        return Recording(path, (), (), (*left_out, "no episode is left"))
+    joints: list[Joint] = []
+    for name, command, reading in _pairs(next(iter(read.values())), info):
+        try:
+            if command is None:
+                raise UserError("a reading without a command, so nothing says what it was to do")
+            own = _moving(read, command, reading)
+        except UserError as error:
+            left_out.append(f"{name}: no description, since {error}")
+            continue
+        columns = [f"column = {quoted(column)}" for column in (command, reading)]
+        time = 'time = { column = "timestamp" }'
+        joints.append(Joint(name, (time,), *columns, unit, "the unit", doubt, _runs(own)))
+    fps = info.fps or _rate(next(iter(read.values())))
+    nominal = all(_is_nominal(columns, fps) for columns in read.values())
+    notes = [*([NOMINAL.format(fps=fps)] if nominal else []), CLIPPED]
+    if not info.names:
+        notes.append(
+            "without meta/info.json joints have numbers: copy the data set whole for names"
+        )
+    if len(usable) > MOST_EPISODES:
+        notes.append(
+            f"of {len(usable)} episodes the first {MOST_EPISODES}: add others to 'episode'"
+        )
+    return Recording(path, tuple(joints), tuple(notes), tuple(left_out))
+
+
+def _rate(columns: Columns) -> float:
+    """Frames in a second by the stamps."""
+    return float(1.0 / np.median(np.diff(columns.numbers("timestamp"))))
+
+
+def _is_nominal(columns: Columns, fps: float) -> bool:
+    """Whether stamps are the numbers of the frames, times the period."""
+    off = columns.numbers("timestamp") * fps - columns.numbers("frame_index")
+    return bool(np.abs(off).max() < ROUNDED_STAMP)
+
+
+def _listed(numbers: set[int]) -> str:
+    shown = [str(number) for number in sorted(numbers)]
+    more = f" and {len(shown) - 8} more" if len(shown) > 8 else ""
+    return f"episode{'s' if len(shown) > 1 else ''} {', '.join(shown[:8])}{more}"
+
+
+def _pairs(columns: Columns, info: Info) -> Iterator[tuple[str, str | None, str]]:
+    """Name, command and reading of each joint; None for one that is not commanded."""
+    commands, readings = (_items(columns, name) for name in (COMMAND, READING))
+    if not readings:
+        raise UserError(
+            f"{columns.where(1)}: there is no list '{READING}': name the columns of"
+            " command and reading in a description of your own"
+        )
+    named = {column.removeprefix(f"{COMMAND}."): column for column in commands}
+    alike = len(commands) == len(readings) and not (
+        info.names.get(COMMAND) and info.names.get(READING)
+    )
+    for place, reading in enumerate(readings):
+        own = reading.removeprefix(READING)
+        command = commands[place] if alike else named.get(own.removeprefix("."))
+        yield own.strip(".[]").removesuffix(".pos"), command, reading
+
+
+def _items(columns: Columns, name: str) -> list[str]:
+    return [it for it in columns.names if re.match(rf"{re.escape(name)}[.\[]", it) or it == name]
+
+
+def _moving(read: Mapping[int, Columns], command: str, reading: str) -> list[int]:
+    """Episodes in which a joint moves.
+
+    Raises:
+        UserError: none, or one in which a cell is no number.
+    """
+    own = [
+        number
+        for number, columns in read.items()
+        if np.ptp(columns.numbers(reading)) and np.isfinite(columns.numbers(command)).all()
+    ]
+    if not own:
+        raise UserError("it stands still in every episode: record one in which it moves")
+    return own
+
+
+def _runs(own: Sequence[int]) -> list[str]:
+    if len(own) < HELD_OUT_FROM:
+        return [f"episode = {list(own)}"]
+    return [
+        "repeat = [",
+        f"    {{ episode = {list(own[:-1])} }},",
+        f"    {{ episode = {own[-1]}, held_out = true }},  {CHECK}: held out to judge a fit by",
+        "]",
+    ]
+
+
+def _units(read: Mapping[int, Columns]) -> tuple[dict[int, str], str, str]:
+    """Episodes in another unit than most, with a sentence; the keys of the unit, and a doubt."""
+    kinds = {number: _kind(columns) for number, columns in read.items()}
+    frames = {kind: 0 for kind, _ in kinds.values()}
+    for number, (kind, _) in kinds.items():
+        frames[kind] += len(read[number].cells[0])
+    usual = max(frames, key=frames.__getitem__, default="deg")
+    reach = max((size for kind, size in kinds.values() if kind == usual), default=0.0)
+    odd = {
+        number: f"episode {number} left out: its joints reach {size:.3g} and those of the others"
+        f" {reach:.3g}, so it is in another unit; describe it by itself"
+        for number, (kind, size) in kinds.items()
+        if kind != usual
+    }
+    if usual == "rad":
+        return odd, 'unit = "rad"', f"no joint reaches more than {reach:.3g}, as in rad"
+    if usual == "counts":
+        unit = f'unit = "deg", scale = {360.0 / TURN_OF_COUNTS}'
+        return odd, unit, f"whole numbers up to {reach:.4g}, as counts with {TURN_OF_COUNTS} a turn"
+    if reach > NORMALISED:
+        return odd, 'unit = "deg"', f"joints reach {reach:.4g}, as in degrees"
+    return odd, 'unit = "deg"', UNSURE
+
+
+def _kind(columns: Columns) -> tuple[str, float]:
+    """Whether the readings of an episode look like rad, degrees or counts, and how far they go."""
+    values: list[Array] = []
+    for name in _items(columns, READING):
+        try:
+            values.append(columns.numbers(name))
+        except UserError:  # told where that joint is looked at
+            continue
+    every = np.concatenate(values) if values else np.zeros(1)
+    reach = float(np.abs(every).max())
+    if reach <= RADIANS:
+        return "rad", reach
+    if reach > LARGEST_DEGREES and not (every % 1.0).any():
+        return "counts", reach
+    return "deg", reach

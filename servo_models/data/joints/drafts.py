@@ -1,0 +1,161 @@
+"""Begin a description for each joint of a robot's recording: a command beside its reading."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Container, Iterator
+from pathlib import Path
+
+from servo_models.core.catalogue import actuator as find_actuator
+from servo_models.core.catalogue import actuators
+from servo_models.core.own_actuator import key_from
+from servo_models.core.plant import Actuator, Variant
+from servo_models.data.description import read_description
+from servo_models.data.joints.bags import OF_TOPICS, bag
+from servo_models.data.joints.data_sets import data_set
+from servo_models.data.joints.recording import Joint, Recording
+from servo_models.data.lag import lags
+from servo_models.data.readers import is_bag
+from servo_models.data.readers.lerobot import episodes, is_data_set
+from servo_models.data.scaffold import CHECK, LONGEST_SENTENCE
+from servo_models.data.schema import quoted
+from servo_models.errors import UserError, printable
+from servo_models.files import write_whole
+from servo_models.units import exponents
+
+STILL = "its command never moves"
+NO_GOAL = ": if its command is no angle to go to, such as a step or a rate, name another column"
+
+
+def recording(path: Path) -> Recording | None:
+    """Return the joints of a robot's recording, None for a log of something else.
+
+    Raises:
+        UserError: it cannot be read, or no joint has both a command and a reading.
+    """
+    if is_data_set(path) or episodes(path):
+        found = data_set(path)
+    elif is_bag(path) or path.suffix.lower() in OF_TOPICS:
+        found = bag(path)
+        if not (found.joints or found.left_out):
+            return None
+    else:
+        return None
+    if not found.joints:
+        raise UserError(
+            f"'{path}' has no joint with a command and a reading: {'; '.join(found.left_out)}"
+        )
+    return found
+
+
+def write_joints(
+    found: Recording, folder: Path | None, actuator: str | None, trust: bool
+) -> Iterator[tuple[str, bool]]:
+    """Write a description for each joint, and yield what is to be told, and whether it is a fault.
+
+    Args:
+        found: the recording.
+        folder: to write into; None for beside it, behind its name.
+        actuator: name of what all joints are, None for a general one.
+
+    Raises:
+        UserError: a file that is there already, an actuator without a goal, or
+            no joint whose description can be read.
+    """
+    path = found.path
+    chosen, variant = _chosen(actuator)
+    whole = path.resolve()
+    stem = "" if folder else f"{whole.stem if whole.is_file() else whole.name}_"
+    place = folder or path.parent if path.name else whole.parent
+    files: dict[Path, Joint] = {}
+    for joint in found.joints:
+        files[_free(place, stem + _as_file(joint.name), files)] = joint
+    for file in files:
+        if os.path.exists(file):
+            raise UserError(f"'{file}' exists: edit it, remove it, or name a folder with --out")
+    written = 0
+    for file, joint in files.items():
+        write_whole(file, _text(found, joint, chosen, variant, file.parent).encode())
+        try:
+            description = read_description(file, trust)
+        except UserError as error:
+            file.unlink()
+            yield f"{_told(joint.name)}: no description, since {error}", True
+            continue
+        written += 1
+        plant = description.model.plant
+        found_lags = list(lags(description.logs, plant))
+        said = "; ".join(lag.sentence(plant.wire[lag.output]) for lag in found_lags)
+        follows = bool(found_lags) and all(lag.follows for lag in found_lags)
+        yield f"wrote '{file}': {said or STILL}{'' if follows else NO_GOAL}", not follows
+    if not written:
+        raise UserError(f"'{path}': no joint can be described; each says why above")
+    doubts = dict.fromkeys(f"guessed, {it.guessed}: {it.doubt}" for it in files.values())
+    for text in (*found.notes, *doubts):
+        yield printable(text, LONGEST_SENTENCE), False
+    for text in found.left_out:
+        yield printable(text, LONGEST_SENTENCE), True
+
+
+def _told(name: str) -> str:
+    return printable(name, 60)
+
+
+def _as_file(name: str) -> str:
+    """A name that is one of a file on every system."""
+    return re.sub(r"[^\w.-]+", "_", name)[:60].strip("._") or "joint"
+
+
+def _free(folder: Path, stem: str, taken: Container[Path]) -> Path:
+    names = (folder / f"{stem}{more}.toml" for more in ("", *(f"_{n}" for n in range(2, 10_000))))
+    return next(name for name in names if name not in taken)
+
+
+def _chosen(name: str | None) -> tuple[Actuator, Variant]:
+    """An actuator, and its first variant that takes an angle as goal; a general one if not named.
+
+    Raises:
+        UserError: none does.
+    """
+    takers = [it for it in actuators().values() if _with_a_goal(it)]
+    found = find_actuator(name) if name else next(it for it in takers if it.general)
+    variant = _with_a_goal(found)
+    if not variant:
+        names = " or ".join(it.name for it in takers)
+        raise UserError(f"{found.name} takes no angle as its goal: give --actuator {names}")
+    return found, variant
+
+
+def _with_a_goal(found: Actuator) -> Variant | None:
+    for variant in found.variants:
+        wire = found.plant_of(variant.name).wire[variant.command or found.step[0]]
+        if exponents(wire.unit) == exponents("rad"):
+            return variant
+    return None
+
+
+def _text(found: Recording, joint: Joint, chosen: Actuator, variant: Variant, folder: Path) -> str:
+    """A description of a joint, to stand in ``folder``."""
+    plant = chosen.plant_of(variant.name)
+    output = "angle_reading" if "angle_reading" in plant.outputs else plant.outputs[0]
+    goal = variant.command or chosen.step[0]
+    file = quoted(Path(os.path.relpath(found.path.resolve(), folder.resolve())).as_posix())
+    takers = [it.name for it in actuators().values() if it is not chosen and _with_a_goal(it)]
+    doubt = f"{CHECK}; there is also {', '.join(takers)}"
+    guessed = f"  {CHECK}: {joint.guessed}"
+    lines = [
+        f"# Joint {_told(joint.name)}. Lines marked 'guessed' are to be checked.",
+        f"actuator = {quoted(key_from(chosen, folder))}  {doubt}",
+        f"variant = {quoted(variant.name)}",
+        "",
+        "[[logs]]",
+        f"file = {file}",
+        *joint.log,
+        *(f"# {printable(text, LONGEST_SENTENCE)}" for text in found.notes),
+        f"# guessed, {joint.guessed}: {printable(joint.doubt, LONGEST_SENTENCE)}",
+        f"inputs.{goal} = {{ {joint.command}, {joint.unit} }}{guessed}",
+        f"outputs.{output} = {{ {joint.reading}, {joint.unit} }}{guessed}",
+        *joint.runs,
+    ]
+    return "\n".join(lines) + "\n"
