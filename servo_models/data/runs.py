@@ -17,6 +17,7 @@ from servo_models.data.readers.lerobot import episodes
 from servo_models.data.schema import Section
 from servo_models.files import matching
 
+NUMBERS: Any = int | list[int]
 EPISODE = "episode = [0, 1]"
 REPEAT = 'repeat = [{ file = "a.csv" }, { file = "b.csv", held_out = true }]'
 
@@ -152,7 +153,7 @@ def _episodes(run: Section) -> Iterator[Section]:
     shared = {key: value for key, value in run.content.items() if key != "episode"}
     wanted = list(known)
     if "episode" in run and os.path.exists(path):
-        given = run.at("episode").read(int | list[int], EPISODE)
+        given = run.at("episode").read(NUMBERS, EPISODE)
         wanted = given if isinstance(given, list) else [given]
         if not known:
             run.fail("episode", f"'{path}' is no LeRobot data set; leave it out")

@@ -25,9 +25,13 @@ from servo_models.data.schema import quoted as _quoted
 from servo_models.data.sensor import difference_noise
 from servo_models.errors import UserError, printable
 from servo_models.files import write_whole
+from servo_models.report.numbers import plural
 from servo_models.units import WRITTEN_IN, exponents, factor
 
 CHECK = "# guessed"
+COUNTS_PER_TURN = (1024, 4096, 8192, 16384, 65536)  # of encoders
+LARGEST_DEGREES = 400.0
+"""Largest angle of a joint in degrees; whole numbers beyond are counts."""
 HEAD_BYTES = 4096  # of a file, in which it may name the motor
 LONGEST_SENTENCE = 4000  # characters of a sentence about columns, whose names are anybody's
 
@@ -283,11 +287,19 @@ def _signal_lines(match: Match, made: Draft) -> Iterator[str]:
     role = "inputs" if match.wire in plant.inputs else "outputs"
     entry = f"column = {_quoted(match.column.key)}, unit = {_quoted(match.unit)}"
     doubts = [] if match.told else ["the unit"]
+    turn = match.column.turn
+    if turn and match.unit == "deg":
+        zero = "" if match.column.values.min() < 0.0 else ", offset = -180"
+        entry += f", scale = {360.0 / turn}{zero}"
+        doubts = [f"the unit, counts of an encoder with {turn} a turn"]
     if not match.converts:
         unit, scale, offset = _through_the_model(match, made.actuator)
         entry = f"column = {_quoted(match.column.key)}, unit = {_quoted(unit)}"
         entry += f", scale = {scale:.6g}, offset = {offset:.6g}"
         doubts = [f"scale and offset from {match.unit} to {unit} by the model's static gain"]
+    if match.column.gaps:
+        entry += ', missing = "hold"' if role == "inputs" else ', missing = "drop"'
+        doubts = [*doubts, f"{plural(match.column.gaps, 'cell')} without a value"]
     if match.column.table != made.table:
         entry += f", table = {_quoted(match.column.table or '')}"
     if not _tells(match.column, plant):
@@ -398,7 +410,7 @@ class Match:
 
 def _time_of(columns: Sequence[Column]) -> tuple[Column, str] | None:
     """Return the column that is the time, and its unit; None if there is none."""
-    rising = [column for column in columns if column.rising and column.moves]
+    rising = [column for column in columns if column.rising and column.moves and not column.gaps]
     if not rising:
         return None
     best = max(rising, key=lambda column: 2 * bool(TIME & set(column.words)) + _is_time(column))
@@ -556,6 +568,8 @@ def _is_of_quantity(words: Iterable[str], wire: Wire) -> bool:
 
 def _likely_unit(wire: Wire, column: Column) -> str:
     """The unit in which the column's range comes nearest to the full scale of the signal."""
+    if wire.unit == "rad" and column.turn:
+        return "deg"
     reach = float(np.abs(column.values).max()) or 1.0
 
     def distance(unit: str) -> float:
@@ -639,6 +653,7 @@ class Column:
         unit: as the name tells it, None where it does not.
         values: shape (n,).
         dates: they were dates and times, which are no signal.
+        gaps: cells without a value, which have the one before here.
     """
 
     key: str | int
@@ -647,6 +662,16 @@ class Column:
     unit: str | None
     values: Array
     dates: bool = False
+    gaps: int = 0
+
+    @cached_property
+    def turn(self) -> int | None:
+        """Counts a turn of an encoder that it may be of, None for other numbers than counts."""
+        low, high = float(self.values.min()), float(self.values.max())
+        if self.unit or (self.values % 1.0).any() or max(-low, high) <= LARGEST_DEGREES:
+            return None
+        largest = high + 1.0 if low >= 0.0 else 2.0 * max(-low, high)
+        return next((counts for counts in COUNTS_PER_TURN if largest <= counts), None)
 
     @cached_property
     def rising(self) -> bool:
@@ -714,6 +739,8 @@ def _column(columns: Columns, place: int, table: str | None) -> Column | LeftOut
     key = place + 1 if name.isdigit() or columns.names.count(name) > 1 else name
     try:
         begin = columns.begin(key)
+        gaps = int(columns.empty(key)[begin:].sum())
+        columns = columns.held(key) if gaps else columns
         dates = columns.dates(key, slice(begin, None))
         values = columns.numbers(key, slice(begin, None)) if dates is None else dates
     except UserError as error:
@@ -724,7 +751,7 @@ def _column(columns: Columns, place: int, table: str | None) -> Column | LeftOut
     words, unit = heading(name)
     unit = unit if dates is None else "s"
     own = () if isinstance(key, int) and name.isdigit() else words
-    return Column(key, table, own, unit, values, dates is not None)
+    return Column(key, table, own, unit, values, dates is not None, gaps)
 
 
 def _is_mostly_numbers(columns: Columns, place: int) -> bool:

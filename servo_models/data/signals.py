@@ -80,7 +80,7 @@ class Signal(Table):
     offset: Quantity = 0.0
     sign: Number = 1.0
     shift: Seconds = Seconds(0.0)
-    missing: Number | None = None
+    missing: Literal["hold", "drop"] | Number | None = None
     outliers: Quantity | None = None
     table: str = ""
 
@@ -134,6 +134,7 @@ class LogTable(Table):
         file = "log.csv"  # or "runs/*.csv"
         name = "steps"
         table = "joint_states"
+        missing = "hold"
         episode = [0, 1]  # of a LeRobot data set, see ``runs``
         header = true
         time = { column = "t", unit = "ms" }
@@ -154,6 +155,7 @@ class LogTable(Table):
     name: str = ""
     table: str = ""
     episode: int | list[int] | None = None
+    missing: Literal["hold", "drop"] | None = None
     header: bool | None = None
     inputs: dict[str, Any] = {}
     constants: dict[str, Any] = {}
@@ -201,7 +203,10 @@ def read_log(
     def table(name: str | None) -> Columns:
         return given or read(path, name, entry.header)
 
-    mapped = [*inputs.values(), *outputs.values()]
+    mapped = [
+        one if one.empty else one._replace(empty=entry.missing)
+        for one in (*inputs.values(), *outputs.values())
+    ]
     clock, others, notes = _clocks(section, entry, mapped, table, clocks)
     clock = _begun(clock, others.values(), path)
     _check_duration(clock, chosen.values["internal_step"])
@@ -257,13 +262,30 @@ def _clocks(
     used: dict[str | None, list[str | int]] = {main: []}
     for one in mapped:
         used.setdefault(one.table, []).append(one.column)
+    tables = {name: table(name) for name in used}
+    dropped = {name: np.zeros(len(it.cells[0]), dtype=bool) for name, it in tables.items()}
+    gaps = []
+    for one in mapped:
+        if one.empty:
+            columns = tables[one.table]
+            empty = columns.empty(one.column)
+            tables[one.table] = columns.held(one.column)
+            what = "hold the one before" if one.empty == "hold" else "are left out"
+            if one.empty == "drop":
+                dropped[one.table] |= empty
+            if empty.any():
+                name = columns.names[columns.index(one.column)]
+                gaps.append(f"{np.count_nonzero(empty)} rows without a value of '{name}' {what}")
     whole = {
-        name: _clock_of(section, entry.time, table(name), clocks, name == main) for name in used
+        name: _clock_of(section, entry.time, tables[name], clocks, name == main).without(
+            dropped[name]
+        )
+        for name in used
     }
     clock, late = _with_values(_cut_window(section, entry.window, whole.pop(main)), used[main])
     others = {name: _with_values(other, used[name])[0] for name, other in whole.items()}
     clock, even = _ticked(clock)
-    return clock, others, [*late, *even]
+    return clock, others, [*gaps, *late, *even]
 
 
 def _time_table(entry: LogTable) -> str | None:
@@ -359,7 +381,7 @@ def _start(section: Section, given: str | Mapping[str, Any] | None, chosen: Mode
 class Mapped(NamedTuple):
     """A signal with the column and the table it is in; ``shift`` [s] is added to its times; the
     number ``missing`` in the file is no reading, nor is what lies further than ``farthest`` [SI]
-    from its neighbours."""
+    from its neighbours; an ``empty`` cell holds the value before, or its row is dropped."""
 
     channel: Channel
     column: str | int
@@ -367,6 +389,7 @@ class Mapped(NamedTuple):
     shift: float = 0.0
     missing: float | None = None
     farthest: float | None = None
+    empty: str | None = None
 
 
 def map_signal(section: Section, name: str, wire: Wire, table: str | None) -> Mapped:
@@ -397,7 +420,9 @@ def map_signal(section: Section, name: str, wire: Wire, table: str | None) -> Ma
     if farthest is not None and not farthest > 0.0:
         section.fail(f"{name}.outliers", f"{given.outliers} is no distance; give one above 0")
     shift, where = float(given.shift), given.table or table
-    return Mapped(channel, given.column, where, shift, given.missing, farthest)
+    empty = given.missing if isinstance(given.missing, str) else None
+    number = None if isinstance(given.missing, str) else given.missing
+    return Mapped(channel, given.column, where, shift, number, farthest, empty)
 
 
 def in_si(mapped: Mapped, numbers: Array) -> Array:
@@ -587,6 +612,19 @@ class Clock:
         return replace(
             self, stamps=self.stamps[first:last], rows=self.rows[first:last], ticks=ticks
         )
+
+    def without(self, dropped: Mask) -> Clock:
+        """Leave out the rows of the table that are marked, shape (rows of the table,)."""
+        if not dropped.any():
+            return self
+        kept = ~dropped[self.rows]
+        if not kept.any():
+            raise UserError(
+                f"{self.columns.where(self.column)}: no row has a value in every column; write"
+                ' missing = "hold" for that of a command'
+            )
+        ticks = None if self.ticks is None else self.ticks[kept]
+        return replace(self, stamps=self.stamps[kept], rows=self.rows[kept], ticks=ticks)
 
     def numbers(self, column: str | int) -> Array:
         """Return a column of the table in the rows kept, shape (n,).

@@ -206,6 +206,53 @@ def test_missing_is_for_outputs_and_not_for_every_row(tmp_path: Path) -> None:
     assert "is no reading in any row" in complaint(tmp_path, log=MISSING, data=text_of(rows))
 
 
+EMPTY_U, EMPTY_Y = (3, 4), (9, 12)
+GAPS = [
+    (t, "" if k in EMPTY_U else u, "nan" if k in EMPTY_Y else y)
+    for k, (t, u, y) in enumerate(TABLE)
+]
+
+
+@pytest.mark.parametrize(
+    ("voltage", "angle", "log_", "dropped"),
+    [
+        ("hold", "drop", None, EMPTY_Y),
+        ("drop", "hold", None, EMPTY_U),
+        (None, None, "hold", ()),
+        (None, None, "drop", EMPTY_U + EMPTY_Y),
+        (None, "drop", "hold", EMPTY_Y),
+    ],
+)
+def test_a_cell_without_a_value_holds_or_drops_its_row(
+    tmp_path: Path, voltage: str | None, angle: str | None, log_: str | None, dropped: tuple[int]
+) -> None:
+    entry = LOG + (f'missing = "{log_}"\n' if log_ else "")
+    for unit, given in (("V", voltage), ("deg", angle)):
+        more = f', missing = "{given}"' if given else ""
+        entry = entry.replace(f'unit = "{unit}"', f'unit = "{unit}"{more}')
+    (log,) = describe(tmp_path, entry, data=text_of(GAPS)).logs
+    kept = [k for k in range(len(TABLE)) if k not in dropped]
+    held_u = [TABLE[2][1] if k in EMPTY_U else TABLE[k][1] for k in kept]
+    held_y = [TABLE[k - 1 if k in EMPTY_Y else k][2] * DEGREE for k in kept]
+    assert log.times == pytest.approx([0.005 * k for k in kept])
+    assert log.inputs["voltage"] == pytest.approx(held_u)
+    assert log.outputs["angle"] == pytest.approx(held_y)
+    assert list(log.rows) == [k + 2 for k in kept]
+    assert any("2 rows without a value of 'u'" in note for note in log.notes)
+
+
+def test_a_gap_that_nobody_explains_is_a_fault(tmp_path: Path) -> None:
+    assert "row 5, column 'u' is empty" in complaint(tmp_path, data=text_of(GAPS))
+    held = LOG.replace('unit = "V"', 'unit = "V", missing = "hold"')
+    assert "row 11, column 'angle_deg'" in complaint(tmp_path, log=held, data=text_of(GAPS))
+    assert "did you mean 'hold'?" in complaint(tmp_path, log=LOG + 'missing = "holds"\n')
+    words = [(t, "off" if k == 5 else u, y) for k, (t, u, y) in enumerate(TABLE)]
+    assert "'off' is not a number" in complaint(tmp_path, log=held, data=text_of(words))
+    apart = [(t, u if k % 2 else "", "" if k % 2 else y) for k, (t, u, y) in enumerate(TABLE)]
+    message = complaint(tmp_path, log=LOG + 'missing = "drop"\n', data=text_of(apart))
+    assert 'no row has a value in every column; write missing = "hold"' in message
+
+
 def test_readings_further_from_their_neighbours_than_said_are_not_seen(tmp_path: Path) -> None:
     wild = (4, 11, 12)
     rows = [(t, u, y + 40.0 if k in wild else y) for k, (t, u, y) in enumerate(TABLE)]

@@ -293,7 +293,63 @@ def test_a_draft_writes_what_it_assumes_of_inputs_that_are_not_logged(
     assert {name: log.constants.get(name) for name in rests} == rests
 
 
-@pytest.mark.parametrize("cell", ["nan", "", "-", "inf"])
+@pytest.mark.parametrize("cell", ["nan", ""])
+def test_a_column_with_an_empty_cell_is_used(run: Run, csv: Path, cell: str) -> None:
+    """Rows without the reading are left out, and a command without a value holds."""
+    rows = [line.split(",") for line in csv.read_text().splitlines()]
+    for row, place in ((17, 1), (18, 2), (19, 2)):
+        rows[row][place] = cell
+    csv.write_text("\n".join(",".join(row) for row in rows))
+    assert run("check", csv, "--init")[0] == 0
+    text = csv.with_suffix(".toml").read_text()
+    assert 'missing = "hold" }  # guessed: 1 cell without a value' in text
+    assert 'missing = "drop" }  # guessed: 2 cells without a value' in text
+    (log,) = read_description(csv.with_suffix(".toml")).logs
+    whole = motor_log()
+    kept = np.delete(np.arange(len(TIMES)), [17, 18])
+    assert log.times == pytest.approx(whole.times[kept], abs=1e-9)
+    assert log.inputs["voltage"][16] == pytest.approx(whole.inputs["voltage"][15])
+    assert log.outputs["angle"] == pytest.approx(whole.outputs["angle"][kept])
+    assert {*log.rows} == {*(kept + 2)}
+
+
+def test_topics_that_were_merged_into_a_table(run: Run, tmp_path: Path) -> None:
+    """A row has a command or a reading, as tools merge what came at other times."""
+    log, path = motor_log(), tmp_path / "log.csv"
+    command = [None if k % 3 else value for k, value in enumerate(log.inputs["voltage"])]
+    reading = [value if k % 3 else None for k, value in enumerate(log.outputs["angle"])]
+    columns = {"time_s": log.times, "voltage_V": command, "angle_rad": reading}
+    pl.DataFrame(columns).write_csv(path)
+    assert run("check", path, "--init")[0] == 0
+    (read,) = read_description(path.with_suffix(".toml")).logs
+    kept = np.flatnonzero(np.arange(len(log.times)) % 3)
+    assert read.outputs["angle"] == pytest.approx(log.outputs["angle"][kept])
+    assert read.inputs["voltage"] == pytest.approx(log.inputs["voltage"][kept - kept % 3])
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "turn"),
+    [(0, 4095, 4096), (1500, 2600, 4096), (-2000, 2047, 4096), (0, 9000, 16384)],
+)
+def test_counts_of_an_encoder_are_no_thousandths_of_a_radian(
+    tmp_path: Path, low: int, high: int, turn: int
+) -> None:
+    swing = 0.5 + 0.5 * np.sin(0.05 * np.arange(400.0))
+    counts = np.round(low + (high - low) * swing)
+    columns = {"time_s": 0.01 * np.arange(400), "goal_position": counts, "present_position": counts}
+    path = tmp_path / "log.csv"
+    pl.DataFrame(columns).write_csv(path)
+    made = draft(path, "smart_servo")
+    text = made.text(tmp_path)
+    assert "mrad" not in text
+    assert text.count(f"guessed: the unit, counts of an encoder with {turn} a turn") == 2
+    (tmp_path / "rig.toml").write_text(text)
+    (log,) = read_description(tmp_path / "rig.toml").logs
+    assert np.ptp(log.inputs["goal"]) == pytest.approx(2.0 * np.pi * np.ptp(counts) / turn)
+    assert np.abs(log.inputs["goal"]).max() <= np.pi
+
+
+@pytest.mark.parametrize("cell", ["-", "inf"])
 def test_a_column_with_one_bad_cell_is_told(run: Run, csv: Path, cell: str) -> None:
     rows = [line.split(",") for line in csv.read_text().splitlines()]
     rows = [[*row, f"0.{i}"] for i, row in enumerate(rows)]

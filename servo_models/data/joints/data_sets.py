@@ -12,7 +12,7 @@ from servo_models.core.types import Array
 from servo_models.data.joints.recording import Joint, Recording
 from servo_models.data.readers import Columns, read_columns
 from servo_models.data.readers.lerobot import Info, episodes, is_data_set, read_info, root_of
-from servo_models.data.scaffold import CHECK
+from servo_models.data.scaffold import CHECK, LARGEST_DEGREES
 from servo_models.data.schema import quoted
 from servo_models.data.signals import LEAST_SAMPLES
 from servo_models.errors import UserError
@@ -24,8 +24,6 @@ TURN_OF_COUNTS = 4096  # counts a turn of the encoders in servos on a bus
 NORMALISED = 100.5  # end of the range of normalised positions, and rounding
 ROUNDED_STAMP = 1e-2  # frames by which a nominal time stamp is rounded
 RADIANS = 6.6  # largest angle of a joint in rad, a turn and some more
-LARGEST_DEGREES = 400.0
-"""Largest angle of a joint in degrees; whole numbers beyond are counts."""
 UNSURE = (
     "degrees, or -100..100 (a gripper 0..100) of the calibrated range? Of the latter add scale ="
     f" (range_max - range_min) / 200 (a gripper: / 100) * 360 / {TURN_OF_COUNTS} from the"
@@ -63,9 +61,18 @@ def data_set(path: Path) -> Recording:
         except UserError as error:
             left_out.append(f"{name}: no description, since {error}")
             continue
-        columns = [f"column = {quoted(column)}" for column in (command, reading)]
-        time = 'time = { column = "timestamp" }'
-        joints.append(Joint(name, (time,), *columns, unit, "the unit", doubt, _runs(own)))
+        joints.append(
+            Joint(
+                name,
+                ('time = { column = "timestamp" }',),
+                f"column = {quoted(command)}",
+                f"column = {quoted(reading)}",
+                unit,
+                "the unit",
+                doubt,
+                _runs(own),
+            )
+        )
     fps = info.fps or _rate(next(iter(read.values())))
     nominal = all(_is_nominal(columns, fps) for columns in read.values())
     notes = [*([NOMINAL.format(fps=fps)] if nominal else []), CLIPPED]

@@ -7,14 +7,14 @@ import importlib
 import os
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from servo_models.core.types import Array
+from servo_models.core.types import Array, Mask
 from servo_models.data.readers.dates import DAY, EXAMPLE, is_time, seconds
 from servo_models.errors import UserError, did_you_mean
 from servo_models.files import check_size
@@ -208,21 +208,43 @@ class Columns:
     def begin(self, column: str | int, first: int = 0) -> int:
         """Return the row, from ``first`` on, in which a column has its first value.
 
-        A cell without one is empty, or NaN.  It is ``first`` for a column that never has a value.
+        It is ``first`` for a column that never has a value.
+
+        Raises:
+            UserError: no such column.
+        """
+        has_value = ~self.empty(column)[first:]
+        return first + int(np.argmax(has_value)) if has_value.size else first
+
+    def empty(self, column: str | int) -> Mask:
+        """Mark the rows in which a column has no value, or NaN, shape (n,).
 
         Raises:
             UserError: no such column.
         """
         import polars as pl
 
-        cells = self.cells[self.index(column)][first:]
+        cells = self.cells[self.index(column)]
         if cells.dtype == pl.String:
             has_value = ~cells.str.strip_chars(' \t"').str.to_lowercase().is_in(["", "nan"])
         elif cells.dtype.is_float():
             has_value = cells.is_not_nan()
         else:
             has_value = cells.is_not_null()
-        return first + int(has_value.fill_null(value=False).arg_max() or 0)
+        marked: Mask = ~has_value.fill_null(value=False).to_numpy()
+        return marked
+
+    def held(self, column: str | int) -> Columns:
+        """Return the same with the value of the row before in every cell of a column without one.
+
+        Raises:
+            UserError: no such column.
+        """
+        import polars as pl
+
+        place = self.index(column)
+        cells = self.cells[place].set(pl.Series(self.empty(column)), None).forward_fill()
+        return replace(self, cells=(*self.cells[:place], cells, *self.cells[place + 1 :]))
 
     def check_order(self, column: str | int, times: Array, first: int = 0) -> None:
         """Raise UserError where ``times`` [s], the ones of that column from row ``first`` on, run

@@ -47,7 +47,8 @@ def read(source: Source) -> Tables:
         if item[1].message_encoding in ENCODINGS or item[1].topic == source.table:
             topics.setdefault(item[1].topic, []).append(item)
     first = min((message.log_time for _, _, message in found), default=0)
-    cells, aliases = {}, {}
+    cells: dict[str, list[pl.Series]] = {}
+    aliases: dict[str, str] = {}
     for name in source.wanted(topics):
         cells[name], aliases = _columns(source, topics[name], first)
     return Tables(cells, aliases=aliases if len(cells) == 1 else {})

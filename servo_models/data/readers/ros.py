@@ -47,8 +47,9 @@ def _stamp(record: Any) -> int | None:
     if not isinstance(stamp, dict):
         return None
     seconds, rest = stamp.get("sec"), stamp.get("nanosec", stamp.get("nsec"))
-    numbers = isinstance(seconds, int | float) and isinstance(rest, int | float)
-    return 10**9 * int(seconds) + int(rest) if numbers else None
+    if not (isinstance(seconds, int | float) and isinstance(rest, int | float)):
+        return None
+    return 10**9 * int(seconds) + int(rest)
 
 
 def _names(record: Any) -> tuple[str, ...]:

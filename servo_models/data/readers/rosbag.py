@@ -7,12 +7,15 @@ Besides the fields of its messages a table has ``log_time``, when a message arri
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from servo_models.data.readers.columns import Source, Tables, extra
 from servo_models.data.readers.ros import message_columns
 from servo_models.errors import UserError
 from servo_models.files import check_size
+
+if TYPE_CHECKING:
+    import polars as pl
 
 SUFFIXES = (".db3",)
 FOLDER = "metadata.yaml"
@@ -42,7 +45,9 @@ def read(source: Source) -> Tables:
 
 
 def _tables(source: Source, bag: Any) -> Tables:
-    size, times, records = 0, {}, {}  # type: ignore[var-annotated]
+    size = 0
+    times: dict[str, list[int]] = {}
+    records: dict[str, list[Any]] = {}
     unknown: dict[str, str] = {}
     wanted = [it for it in bag.connections if source.table in (None, it.topic)]
     first = min(bag.start_time, 2**63 - 1)
@@ -66,7 +71,8 @@ def _tables(source: Source, bag: Any) -> Tables:
         )
     known = dict.fromkeys([*records, *(it.topic for it in bag.connections)])
     names = [name for name in source.wanted(known) if name in records or source.table]
-    cells, aliases = {}, {}
+    cells: dict[str, list[pl.Series]] = {}
+    aliases: dict[str, str] = {}
     for name in names:
         own = {"log_time": times.get(name, [])}
         cells[name], aliases = message_columns(source, own, records.get(name, []), first)
