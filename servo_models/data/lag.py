@@ -48,6 +48,11 @@ class Lag:
         return f"{self.output} follows {self.command} {late} later, then {left} apart"
 
 
+def lag_sentences(logs: Sequence[Log], plant: Plant) -> tuple[str, ...]:
+    """Return every lag of ``lags`` in words."""
+    return tuple(lag.sentence(plant.wire[lag.output]) for lag in lags(logs, plant))
+
+
 def lags(logs: Sequence[Log], plant: Plant) -> Iterator[Lag]:
     """Yield the lag of every output that has the unit of a command, over all logs that have both.
 

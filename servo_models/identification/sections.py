@@ -21,7 +21,7 @@ from servo_models.core.types import Array, Complex
 from servo_models.data.audit import Audit, Command, audits, noise_floors
 from servo_models.data.audit import Reading as Measured
 from servo_models.data.clock import Sampling
-from servo_models.data.lag import lags
+from servo_models.data.lag import lag_sentences
 from servo_models.data.log import Log
 from servo_models.data.sensor import Floor
 from servo_models.errors import UserError
@@ -589,9 +589,7 @@ def _check_cards(check: Check) -> tuple[Card, ...]:
     if effects := check.identifiability.effects:
         shown = sum(reach.shown for reach in effects)
         cards.append(Card("effects", f"{shown} of {len(effects)} can be shown", None, "Effects"))
-    plant = check.plant
-    said = [lag.sentence(plant.wire[lag.output]) for lag in lags(check.description.logs, plant)]
-    if said:
+    if said := lag_sentences(check.description.logs, check.plant):
         cards.append(Card("lag", "\n".join(said)))
     step = "Run 'identify', or 'diagnose' for effects that the model may lack."
     if check.warnings:

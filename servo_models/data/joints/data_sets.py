@@ -25,9 +25,9 @@ NORMALISED = 100.5  # end of the range of normalised positions, and rounding
 ROUNDED_STAMP = 1e-2  # frames by which a nominal time stamp is rounded
 RADIANS = 6.6  # largest angle of a joint in rad, a turn and some more
 UNSURE = (
-    "degrees, or -100..100 (a gripper 0..100) of the calibrated range? Of the latter add scale ="
-    f" (range_max - range_min) / 200 (a gripper: / 100) * 360 / {TURN_OF_COUNTS} from the"
-    " calibration file; without it, read 'deg' in every result as that hundredth"
+    "degrees, or -100..100 (a gripper 0..100) of the calibrated range? The data do not say. For the"
+    f" latter, scale = (range_max - range_min) / 200 (a gripper: / 100) * 360 / {TURN_OF_COUNTS} of"
+    " the calibration file makes degrees; without it, 'deg' in every result is one such unit"
 )
 NOMINAL = "time stamps are nominal, frame / {fps:g} Hz, so that no jitter can be seen"
 CLIPPED = "the action is what was asked for, before the robot clipped it"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from servo_models.analysis.explain import display_scale
+from servo_models.data.lag import lag_sentences
 from servo_models.data.parameters import installed_version, parameter_set_of
 from servo_models.diagnosis import document, summary
 from servo_models.diagnosis.ranking import RankedEffect, Value
@@ -208,6 +209,7 @@ def _errors(diagnosis: Diagnosis) -> Section:
         ERRORS,
         "RMS errors. Those of the gap are of stretches of time that the fit has not seen, with"
         " 95 % intervals over the stretches.",
+        items=lag_sentences(diagnosis.logs, diagnosis.model.plant),
         tables=(tables.unmodelled(diagnosis), tables.fmu(diagnosis), tables.held_out(diagnosis)),
         pictures=pictures.responses(diagnosis)[2:],
         folded=True,
