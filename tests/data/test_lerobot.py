@@ -204,7 +204,11 @@ def test_check_of_a_joint_tells_its_lag(run: Run, tmp_path: Path) -> None:
         (1.0, 'unit = "deg"', "degrees, or -100..100"),
         (np.pi / 180.0, 'unit = "rad"', "as in rad"),
         (1.7, 'unit = "deg"', "as in degrees"),
-        (4096.0 / 360.0, 'unit = "deg", scale = 0.087890625', "as counts with 4096 a turn"),
+        (
+            4096.0 / 360.0,
+            'unit = "deg", scale = 0.087890625',
+            "as counts with 4096 a turn",
+        ),
     ],
 )
 def test_a_unit_is_guessed_and_a_doubt_is_a_question(

@@ -191,7 +191,7 @@ def test_a_date_is_no_number(tmp_path: Path) -> None:
 
 def test_a_missing_file_and_another_kind(tmp_path: Path) -> None:
     assert "cannot read" in complaint(tmp_path / "absent.csv")
-    assert ".csv, .json, .jsonl, .mat" in complaint(table(tmp_path, "time\n0\n", "in.xlsx"))
+    assert ".csv, .db3, .json, .jsonl, .mat" in complaint(table(tmp_path, "time\n0\n", "in.xlsx"))
     with pytest.raises(UserError, match=r"\.csv or \.parquet"):
         write_signals(tmp_path / "out.xlsx", np.zeros(1), {}, MOTOR.wire)
 

@@ -73,9 +73,9 @@ def data_set(path: Path) -> Recording:
                 _runs(own),
             )
         )
-    fps = info.fps or _rate(next(iter(read.values())))
-    nominal = all(_is_nominal(columns, fps) for columns in read.values())
-    notes = [*([NOMINAL.format(fps=fps)] if nominal else []), CLIPPED]
+    notes = [CLIPPED]
+    if all(_is_nominal(columns, info.fps) for columns in read.values()):
+        notes.insert(0, NOMINAL.format(fps=info.fps))
     if not info.names:
         notes.append(
             "without meta/info.json joints have numbers: copy the data set whole for names"
@@ -85,11 +85,6 @@ def data_set(path: Path) -> Recording:
             f"of {len(usable)} episodes the first {MOST_EPISODES}: add others to 'episode'"
         )
     return Recording(path, tuple(joints), tuple(notes), tuple(left_out))
-
-
-def _rate(columns: Columns) -> float:
-    """Frames in a second by the stamps."""
-    return float(1.0 / np.median(np.diff(columns.numbers("timestamp"))))
 
 
 def _is_nominal(columns: Columns, fps: float) -> bool:
@@ -132,11 +127,9 @@ def _moving(read: Mapping[int, Columns], command: str, reading: str) -> list[int
     Raises:
         UserError: none, or one in which a cell is no number.
     """
-    own = [
-        number
-        for number, columns in read.items()
-        if np.ptp(columns.numbers(reading)) and np.isfinite(columns.numbers(command)).all()
-    ]
+    for columns in read.values():
+        columns.numbers(command)
+    own = [number for number, columns in read.items() if np.ptp(columns.numbers(reading))]
     if not own:
         raise UserError("it stands still in every episode: record one in which it moves")
     return own
