@@ -67,7 +67,7 @@ def read_info(root: Path | None) -> Info:
         features = dict(content.get("features") or {})
         names = {unicode_of(key): _names(feature) for key, feature in features.items()}
         fps, count = float(content.get("fps") or 0.0), int(content.get("total_episodes") or 0)
-    except (ValueError, TypeError, AttributeError, RecursionError) as error:
+    except (ValueError, TypeError, AttributeError, OverflowError, RecursionError) as error:
         raise UserError(
             f"'{path}' is no description of a data set: copy it again, or name a file in 'data'"
         ) from error

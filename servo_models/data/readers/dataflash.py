@@ -1,0 +1,58 @@
+"""DataFlash logs of ArduPilot: a message is a table, and so is each instance of one, ``CSRV[2]``.
+
+Times stand in ``TimeUS``, in us.  Rows count the messages of a table from 1.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from typing import Any
+
+from servo_models.data.readers.columns import NUMBER, Source, Tables, column_of, extra
+from servo_models.errors import UserError
+from servo_models.files import check_size
+
+SUFFIXES = (".bin",)
+
+
+def read(source: Source) -> Tables:
+    """Read a log; what a crash has cut off at its end is left out.
+
+    Raises:
+        UserError: it is damaged, or has no such message.
+    """
+    reader = extra("ardupilot", "pymavlink.DFReader")
+    try:
+        with contextlib.redirect_stderr(io.StringIO()):  # it talks about every damaged byte
+            tables = _tables(source, reader.DFReader_binary(str(source.path)))
+    except UserError:
+        raise
+    except Exception as error:  # pymavlink raises many kinds
+        raise source.damaged("DataFlash") from error
+    if not tables:
+        raise source.damaged("DataFlash")
+    return Tables(
+        {
+            name: [column_of(field, values) for field, values in tables[name].items()]
+            for name in source.wanted(tables)
+        }
+    )
+
+
+def _tables(source: Source, log: Any) -> dict[str, dict[str, list[Any]]]:
+    """Values by field, by message or instance of one; only messages with a time."""
+    tables: dict[str, dict[str, list[Any]]] = {}
+    size = 0
+    while (message := log.recv_msg()) is not None:
+        fields = message.get_fieldnames()
+        if "TimeUS" not in fields:  # it describes others
+            continue
+        of = message.fmt.instance_field
+        name = message.get_type() + (f"[{getattr(message, of)}]" if of else "")
+        size += NUMBER * len(fields)
+        check_size(source.path, size)
+        columns = tables.setdefault(name, {field: [] for field in fields})
+        for field in fields:
+            columns[field].append(getattr(message, field))
+    return tables

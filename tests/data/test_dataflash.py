@@ -1,0 +1,99 @@
+"""DataFlash logs of ArduPilot, written as its documentation of the format says."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from servo_models.data.description import read_description
+from servo_models.data.readers import read_columns
+from servo_models.errors import UserError
+from tests.conftest import Run
+
+pytest.importorskip("pymavlink.DFReader")
+
+HEAD = b"\xa3\x95"
+FMT, FMTU, CSRV, RCOU = 128, 129, 130, 131
+TIMES = 0.02 * np.arange(200)
+"""Source: ArduPilot, libraries/AP_Logger/LogStructure.h: FMT, FMTU with # for the field of an
+instance, CSRV and RCOU, shortened."""
+
+
+def described(kind: int, size: int, name: str, form: str, fields: str) -> bytes:
+    body = struct.pack("<BB4s16s64s", kind, size, name.encode(), form.encode(), fields.encode())
+    return HEAD + bytes([FMT]) + body
+
+
+def log(path: Path) -> Path:
+    """Two servos, of which the second has every goal a row late, and the pulses of RCOU."""
+    content = described(FMT, 89, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns")
+    content += described(FMTU, 44, "FMTU", "QBNN", "TimeUS,FmtType,UnitIds,MultIds")
+    content += described(CSRV, 20, "CSRV", "QBff", "TimeUS,Id,Pos,PosCmd")
+    content += described(RCOU, 15, "RCOU", "QHH", "TimeUS,C1,C2")
+    units = struct.pack("<QB16s16s", 0, CSRV, b"s#--", b"F---")
+    content += HEAD + bytes([FMTU]) + units
+    for k, time in enumerate(TIMES):
+        stamp = 5_000_000 + round(1e6 * time)
+        for servo in (1, 2):
+            row = struct.pack("<QBff", stamp, servo, goal(k - servo), goal(k))
+            content += HEAD + bytes([CSRV]) + row
+        content += HEAD + bytes([RCOU]) + struct.pack("<QHH", stamp, 1500, 1500 + k)
+    path.write_bytes(content)
+    return path
+
+
+def goal(row: int) -> float:
+    return float(np.float32(30.0 * np.sin(0.05 * row)))
+
+
+def test_messages_and_their_instances_are_tables(tmp_path: Path) -> None:
+    path = log(tmp_path / "flight.bin")
+    columns = read_columns(path, "CSRV[2]")
+    assert columns.names == ("TimeUS", "Id", "Pos", "PosCmd")
+    rows = range(len(TIMES))
+    assert list(columns.numbers("PosCmd")) == [goal(k) for k in rows]
+    assert list(columns.numbers("Pos")) == [goal(k - 2) for k in rows]
+    assert list(read_columns(path, "RCOU").numbers("C2")) == [1500.0 + k for k in rows]
+    with pytest.raises(UserError, match=r"has no table 'CSRV'"):
+        read_columns(path, "CSRV")
+
+
+def test_commanded_and_measured_positions_are_drafted(run: Run, tmp_path: Path) -> None:
+    path = log(tmp_path / "flight.bin")
+    code, _, err = run("check", path, "--init", "--actuator", "smart_servo")
+    assert (code, err) == (0, "")
+    (read,) = read_description(path.with_suffix(".toml")).logs
+    assert read.times == pytest.approx(TIMES, abs=1e-9)
+    assert read.channels["goal"].column == "PosCmd"
+    assert read.channels["angle"].column == "Pos"
+
+
+def test_pulses_hold_beside_an_angle_of_another_message(tmp_path: Path) -> None:
+    log(tmp_path / "flight.bin")
+    path = tmp_path / "flap.toml"
+    path.write_text(
+        'actuator = "sg90"\n[[logs]]\nfile = "flight.bin"\ntable = "CSRV[1]"\n'
+        'time = { column = "TimeUS", unit = "us" }\n'
+        'inputs.pulse_width = { column = "C2", unit = "us", table = "RCOU" }\n'
+        'outputs.angle = { column = "Pos", unit = "deg" }\n'
+    )
+    (read,) = read_description(path).logs
+    assert read.inputs["pulse_width"] == pytest.approx(1e-6 * (1500.0 + np.arange(len(TIMES))))
+
+
+@pytest.mark.parametrize("content", [b"", b"\x00" * 1000, HEAD * 500])
+def test_what_is_no_log_is_damaged(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "flight.bin"
+    path.write_bytes(content)
+    with pytest.raises(UserError, match="is damaged or no DataFlash file"):
+        read_columns(path)
+
+
+def test_what_a_crash_has_cut_off_is_left_out(tmp_path: Path) -> None:
+    path = log(tmp_path / "flight.bin")
+    path.write_bytes(path.read_bytes()[:-30])
+    assert len(read_columns(path, "CSRV[1]").numbers("Pos")) == len(TIMES)
+    assert len(read_columns(path, "CSRV[2]").numbers("Pos")) == len(TIMES) - 1
