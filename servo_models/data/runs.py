@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from servo_models.data.log import Log
-from servo_models.data.readers.lerobot import episodes
+from servo_models.data.readers.lerobot import episodes, is_data_set
 from servo_models.data.schema import Section
 from servo_models.files import matching
 
@@ -149,6 +149,8 @@ def _names(files: Sequence[Path]) -> list[str]:
 def _episodes(run: Section) -> Iterator[Section]:
     """The same for each episode of a data set that is wanted; a run of another file as it is."""
     path = run.file.parent / str(run.content["file"])
+    if "table" in run and is_data_set(path):
+        run.fail("table", f"'{path}' is a data set; choose by '{EPISODE}'")
     known = {} if "table" in run else episodes(path)
     shared = {key: value for key, value in run.content.items() if key != "episode"}
     wanted = list(known)

@@ -129,6 +129,7 @@ def test_an_episode_is_a_run(tmp_path: Path, version: str) -> None:
         ("episode = 7", "has no frames of episode 7; it has 0 to 1"),
         ('episode = "all"', "write for example episode = [0, 1]"),
         ("episode = [0, 0]", "would count twice"),
+        ('table = "episode 0"', "is a data set; choose by 'episode = [0, 1]'"),
     ],
 )
 def test_an_episode_that_is_not_there_is_refused(tmp_path: Path, more: str, words: str) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Container, Iterator
+from collections.abc import Container, Iterable, Iterator
 from pathlib import Path
 
 from servo_models.core.catalogue import actuator as find_actuator
@@ -120,19 +120,27 @@ def _chosen(name: str | None) -> tuple[Actuator, Variant]:
     """
     takers = [it for it in actuators().values() if _with_a_goal(it)]
     found = find_actuator(name) if name else next(it for it in takers if it.general)
-    variant = _with_a_goal(found)
-    if not variant:
+    variants = _with_a_goal(found)
+    if not variants:
         names = " or ".join(it.name for it in takers)
         raise UserError(f"{found.name} takes no angle as its goal: give --actuator {names}")
-    return found, variant
+    return found, variants[0]
 
 
-def _with_a_goal(found: Actuator) -> Variant | None:
-    for variant in found.variants:
-        wire = found.plant_of(variant.name).wire[variant.command or found.step[0]]
-        if exponents(wire.unit) == exponents("rad"):
-            return variant
-    return None
+def _with_a_goal(found: Actuator) -> list[Variant]:
+    """The variants of an actuator that take an angle as goal."""
+    commands = {it.name: it.command or found.step[0] for it in found.variants}
+    return [
+        it
+        for it in found.variants
+        if exponents(found.plant_of(it.name).wire[commands[it.name]].unit) == exponents("rad")
+    ]
+
+
+def _doubt(others: Iterable[str]) -> str:
+    """What else an actuator or a variant may be, as a comment."""
+    named = ", ".join(others)
+    return f"  {CHECK}; there is also {named}" if named else ""
 
 
 def _text(found: Recording, joint: Joint, chosen: Actuator, variant: Variant, folder: Path) -> str:
@@ -141,13 +149,13 @@ def _text(found: Recording, joint: Joint, chosen: Actuator, variant: Variant, fo
     output = "angle_reading" if "angle_reading" in plant.outputs else plant.outputs[0]
     goal = variant.command or chosen.step[0]
     file = quoted(Path(os.path.relpath(found.path.resolve(), folder.resolve())).as_posix())
-    takers = [it.name for it in actuators().values() if it is not chosen and _with_a_goal(it)]
-    doubt = f"{CHECK}; there is also {', '.join(takers)}"
+    takers = (it.name for it in actuators().values() if it is not chosen and _with_a_goal(it))
+    others = (it.name for it in _with_a_goal(chosen) if it is not variant)
     guessed = f"  {CHECK}: {joint.guessed}"
     lines = [
         f"# Joint {_told(joint.name)}. Lines marked 'guessed' are to be checked.",
-        f"actuator = {quoted(key_from(chosen, folder))}  {doubt}",
-        f"variant = {quoted(variant.name)}",
+        f"actuator = {quoted(key_from(chosen, folder))}{_doubt(takers)}",
+        f"variant = {quoted(variant.name)}{_doubt(others)}",
         "",
         "[[logs]]",
         f"file = {file}",

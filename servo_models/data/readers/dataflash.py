@@ -23,8 +23,9 @@ def read(source: Source) -> Tables:
         UserError: it is damaged, or has no such message.
     """
     reader = extra("ardupilot", "pymavlink.DFReader")
+    quiet = io.StringIO()  # for what it says of every damaged byte
     try:
-        with contextlib.redirect_stderr(io.StringIO()):  # it talks about every damaged byte
+        with contextlib.redirect_stdout(quiet), contextlib.redirect_stderr(quiet):
             tables = _tables(source, reader.DFReader_binary(str(source.path)))
     except UserError:
         raise
