@@ -108,6 +108,24 @@ def test_joints_keep_their_names_and_a_command_holds(
         assert log.inputs["goal"] == pytest.approx(held(log.times, 0.04, place), abs=1e-6)
 
 
+def test_two_senders_share_a_topic(run: Run, tmp_path: Path) -> None:
+    """Each message has the joints of one, as those of an arm and of its gripper."""
+
+    def one(time: float) -> Message:
+        place = round(100 * time) % 2
+        message = joint_state(EPOCH + ns(time), [NAMES[place]], [places(time)[place]])
+        return ns(time), message
+
+    topics = {"/joint_states": sampled(one, 0.01, 4.0), "/cmd": sampled(command, 0.01, 4.0)}
+    assert init(run, bag(tmp_path / "rig", topics))[0] == 0
+    for place, name in enumerate(NAMES):
+        (log,) = read_description(tmp_path / f"rig_{name}.toml").logs
+        times = 0.01 * place + 0.02 * np.arange(200)
+        assert log.times == pytest.approx(times - times[0], abs=1e-7)
+        expected = [places(float(time))[place] for time in times]
+        assert log.outputs["angle_reading"] == pytest.approx(expected, abs=1e-6)
+
+
 def test_without_a_header_arrival_counts_and_places_are_guessed(run: Run, tmp_path: Path) -> None:
     topics = {
         "/joint_states": sampled(state, 0.01, 4.0),

@@ -265,16 +265,30 @@ def test_a_joint_that_cannot_be_described_leaves_the_others(run: Run, tmp_path: 
     assert code == 1
     assert "Warning: shoulder: no description, since it stands still in every episode" in out
     recorded = episodes(100)
-    recorded[0][0][7, 0] = np.nan
-    code, out = init(run, data_set(tmp_path / "nan", recorded))
+    recorded[0][0][7, 0] = np.inf
+    code, out = init(run, data_set(tmp_path / "inf", recorded))
     assert code == 1
-    assert "row 7, column 'action.shoulder.pos': 'nan' is not finite" in out
+    assert "row 7, column 'action.shoulder.pos': 'inf' is not finite" in out
     names = {"action": ["gripper.pos", "elbow.pos"], "observation.state": list(JOINTS)}
     code, out = init(run, data_set(tmp_path / "names", episodes(100), names=names))
     assert code == 1
     assert "Warning: shoulder: no description, since a reading without a command" in out
     written = {file.name for file in tmp_path.glob("*.toml")}
-    assert written == {"still_elbow.toml", "nan_elbow.toml", "names_elbow.toml"}
+    assert written == {"still_elbow.toml", "inf_elbow.toml", "names_elbow.toml"}
+
+
+def test_a_few_cells_without_a_number_cost_their_rows(run: Run, tmp_path: Path) -> None:
+    recorded = episodes(100)
+    ((action, state),) = recorded
+    sent, read = action[:, 0].copy(), state[:, 0].copy()
+    action[7, 0] = state[20, 0] = np.nan
+    assert init(run, data_set(tmp_path / "set", recorded))[0] == 0
+    (log,) = read_description(tmp_path / "set_shoulder.toml").logs
+    kept = np.delete(np.arange(100), 20)
+    sent[7] = sent[6]
+    assert np.degrees(log.inputs["goal"]) == pytest.approx(sent[kept], abs=1e-4)
+    assert np.degrees(log.outputs["angle_reading"]) == pytest.approx(read[kept], abs=1e-4)
+    assert "missing" not in (tmp_path / "set_elbow.toml").read_text()
 
 
 def test_an_action_that_is_no_goal_is_told(run: Run, tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from servo_models.data.joints.recording import Joint, Recording
+from servo_models.data.joints.recording import Joint, Recording, column_keys
 from servo_models.data.readers import Columns, read_tables
 from servo_models.data.readers.ros import HEADER_STAMP
 from servo_models.data.scaffold import COMMAND
@@ -128,8 +128,8 @@ def _joint(
             f"table = {quoted(topic)}",
             f'time = {{ column = {quoted(column)}, unit = "ns"{repeats} }}',
         ),
-        f"column = {quoted(pair[0])}{held}",
-        f"column = {quoted(pair[1])}",
+        column_keys(pair[0], tables[:1], "hold") + held,
+        column_keys(pair[1], tables[1:], "drop"),
         'unit = "rad"',
         guessed,
         doubt,

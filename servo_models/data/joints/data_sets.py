@@ -9,11 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from servo_models.core.types import Array
-from servo_models.data.joints.recording import Joint, Recording
+from servo_models.data.joints.recording import Joint, Recording, column_keys
 from servo_models.data.readers import Columns, read_columns
 from servo_models.data.readers.lerobot import Info, episodes, is_data_set, read_info, root_of
 from servo_models.data.scaffold import CHECK, LARGEST_DEGREES
-from servo_models.data.schema import quoted
 from servo_models.data.signals import LEAST_SAMPLES
 from servo_models.errors import UserError
 
@@ -57,7 +56,7 @@ def data_set(path: Path) -> Recording:
         try:
             if command is None:
                 raise UserError("a reading without a command, so nothing says what it was to do")
-            own = _moving(read, command, reading)
+            own = _moving(read, reading)
         except UserError as error:
             left_out.append(f"{name}: no description, since {error}")
             continue
@@ -65,8 +64,8 @@ def data_set(path: Path) -> Recording:
             Joint(
                 name,
                 ('time = { column = "timestamp" }',),
-                f"column = {quoted(command)}",
-                f"column = {quoted(reading)}",
+                column_keys(command, (read[number] for number in own), "hold"),
+                column_keys(reading, (read[number] for number in own), "drop"),
                 unit,
                 "the unit",
                 doubt,
@@ -121,18 +120,21 @@ def _items(columns: Columns, name: str) -> list[str]:
     return [it for it in columns.names if re.match(rf"{re.escape(name)}[.\[]", it) or it == name]
 
 
-def _moving(read: Mapping[int, Columns], command: str, reading: str) -> list[int]:
+def _moving(read: Mapping[int, Columns], reading: str) -> list[int]:
     """Episodes in which a joint moves.
 
     Raises:
         UserError: none, or one in which a cell is no number.
     """
-    for columns in read.values():
-        columns.numbers(command)
-    own = [number for number, columns in read.items() if np.ptp(columns.numbers(reading))]
+    own = [number for number, columns in read.items() if np.ptp(_known(columns, reading))]
     if not own:
         raise UserError("it stands still in every episode: record one in which it moves")
     return own
+
+
+def _known(columns: Columns, column: str) -> Array:
+    """A column from its first value on; a cell without one has that of the row before."""
+    return columns.held(column).numbers(column, slice(columns.begin(column), None))
 
 
 def _runs(own: Sequence[int]) -> list[str]:
@@ -175,7 +177,7 @@ def _kind(columns: Columns) -> tuple[str, float]:
     values: list[Array] = []
     for name in _items(columns, READING):
         try:
-            values.append(columns.numbers(name))
+            values.append(_known(columns, name))
         except UserError:  # told where that joint is looked at
             continue
     every = np.concatenate(values) if values else np.zeros(1)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+
+from servo_models.data.readers import Columns
+from servo_models.data.schema import quoted
 
 
 @dataclass(frozen=True)
@@ -37,3 +40,9 @@ class Recording:
     joints: tuple[Joint, ...]
     notes: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
+
+
+def column_keys(column: str, tables: Iterable[Columns], missing: str) -> str:
+    """Return the keys of a column, with ``missing`` where one of its tables has gaps."""
+    gaps = any(it.empty(column)[it.begin(column) :].any() for it in tables)
+    return f"column = {quoted(column)}" + (f", missing = {quoted(missing)}" if gaps else "")
