@@ -49,7 +49,7 @@ def check(
     from servo_models.data.joints.drafts import recording, write_joints
     from servo_models.data.readers import is_bag
 
-    found_joints = recording(file) if init else None
+    found_joints = recording(file, actuator) if init else None
     if found_joints:
         faults = False
         for text, is_fault in write_joints(found_joints, out, actuator, trust):

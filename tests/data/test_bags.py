@@ -22,7 +22,9 @@ from tests.support.bags import (
     controller_state,
     joint_state,
     ns,
+    place_of,
     sampled,
+    wrench,
 )
 
 NAMES = ("shoulder", "elbow")
@@ -175,6 +177,28 @@ def test_a_joint_without_a_command_leaves_the_others(run: Run, tmp_path: Path) -
     assert code == 2
     assert "has no joint with a command and a reading" in out
     assert "usable" not in out
+
+
+def test_a_bag_without_joints_is_a_log_like_others(run: Run, tmp_path: Path) -> None:
+    def pulse(time: float) -> Message:
+        return ns(time), wrench(goals(time)[0])
+
+    def pose(time: float) -> Message:
+        return ns(time), place_of(places(time)[0])
+
+    folder = bag(
+        tmp_path / "rig", {"/u": sampled(pulse, 0.01, 2.0), "/pose": sampled(pose, 0.01, 2.0)}
+    )
+    code, out = init(run, folder)
+    assert code in (0, 1)
+    assert "joint" not in out
+    text = (tmp_path / "rig.toml").read_text()
+    assert 'column = "force.x"' in text
+    assert 'column = "position.z"' in text
+    topics = {"/joint_states": sampled(state, 0.01, 2.0)}
+    code, out = init(run, bag(tmp_path / "arm", topics), "--actuator", "torque_motor")
+    assert "no joint" not in out
+    assert (tmp_path / "arm.toml").exists()
 
 
 def cut(path: Path, share: float) -> None:

@@ -60,6 +60,18 @@ def controller_state(
     return ROS.types[STATE](stamp(time), list(names), *points)
 
 
+def place_of(height: float) -> Any:
+    """A pose, which has a position and no joints."""
+    at = ROS.types["geometry_msgs/msg/Point"](0.0, 0.0, height)
+    turn = ROS.types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
+    return ROS.types["geometry_msgs/msg/Pose"](at, turn)
+
+
+def wrench(force: float) -> Any:
+    of = ROS.types["geometry_msgs/msg/Vector3"]
+    return ROS.types["geometry_msgs/msg/Wrench"](of(force, 0.0, 0.0), of(0.0, 0.0, 0.0))
+
+
 def array(values: Sequence[float]) -> Any:
     layout = ROS.types["std_msgs/msg/MultiArrayLayout"]([], 0)
     return ROS.types["std_msgs/msg/Float64MultiArray"](layout, np.array(values))

@@ -10,7 +10,7 @@ import numpy as np
 
 from servo_models.data.joints.recording import Joint, Recording, column_keys
 from servo_models.data.readers import Columns, read_tables
-from servo_models.data.readers.ros import HEADER_STAMP
+from servo_models.data.readers.ros import HEADER_STAMP, LISTS_OF_NAMES
 from servo_models.data.scaffold import COMMAND
 from servo_models.data.schema import quoted
 from servo_models.errors import UserError
@@ -74,6 +74,9 @@ def bag(path: Path) -> Recording:
 
 
 def _joints_of(columns: Columns, field: str) -> list[str]:
+    """Joints that a field has; that of a pose, ``position.x``, has none."""
+    if not any(f"{names}[0]" in columns.names for names in LISTS_OF_NAMES):
+        return []
     return [it.removeprefix(f"{field}.") for it in columns.names if it.startswith(f"{field}.")]
 
 

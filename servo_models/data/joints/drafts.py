@@ -28,8 +28,10 @@ STILL = "its command never moves"
 NO_GOAL = ": if its command is no angle to go to, such as a step or a rate, name another column"
 
 
-def recording(path: Path) -> Recording | None:
+def recording(path: Path, actuator: str | None) -> Recording | None:
     """Return the joints of a robot's recording, None for a log of something else.
+
+    A bag without joints is one if somebody says which ``actuator`` made it.
 
     Raises:
         UserError: it cannot be read, or no joint has both a command and a reading.
@@ -38,7 +40,7 @@ def recording(path: Path) -> Recording | None:
         found = data_set(path)
     elif is_bag(path) or path.suffix.lower() in OF_TOPICS:
         found = bag(path)
-        if not (found.joints or found.left_out):
+        if not found.joints and (actuator or not found.left_out):
             return None
     else:
         return None
