@@ -35,7 +35,7 @@ def expect(code: int, said: str, *words: str, **environment: str) -> None:
 
 def smoke() -> None:
     """Run the commands in this folder."""
-    for name in ("gimbal", "torque_motor", "two_csv_files"):
+    for name in ("gimbal", "torque_motor", "two_csv_files", "uav"):
         shutil.copytree(EXAMPLES / name, name)
     expect(0, "torque_motor", "list")
     expect(2, "did you mean 'sg90'", "simulate", "sg9")
@@ -63,6 +63,10 @@ def smoke() -> None:
     expect(0, "half_width", "compare", "gap.json", "gap.toml", "--trust", *on)
     expect(0, "Bandwidth", "figures", "sg90", "--plot", "sg90.svg")
     expect(0, "wrote", "explain", "backlash", "--page", "backlash.html")
+    expect(0, "hobby servo", "explain", "sg90", "--diagram", "sg90_chain.svg")
+    expect(0, "drive_dead_zone.half_width", "sample", "gap.toml", "--trust", "--out", "sets.csv")
+    expect(0, "SIM_SERVO_DELAY", "export", "uav/GAP.toml", "--to", "ardupilot", "--out", "a.parm")
+    expect(0, "SIM_SERVO_DELAY", "import", "a.parm")
     expect(0, "RMS errors", "identify", "two_csv_files/description.toml")
     expect(1, "transport_delay", "identify", "torque_motor/description.toml", "--report", "b.html")
 
