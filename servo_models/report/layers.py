@@ -14,7 +14,6 @@ from graphlib import TopologicalSorter
 from itertools import pairwise, permutations
 
 import numpy as np
-from scipy.optimize import linprog
 
 GAP = 14.0  # between boxes of a layer [pt]
 LANE = 7.0  # between parallel wires [pt]
@@ -283,6 +282,8 @@ def _place(
     least = np.zeros(len(cost))
     least[[*at.values()]] = [item.width / 2 for item in at]
     bounds = np.column_stack([least, np.full(len(cost), np.inf)])
+    from scipy.optimize import linprog  # late: it loads for longer than a diagnosis takes
+
     found = linprog(cost, differences, [-step for *_, step in steps], bounds=bounds).x.tolist()
     for item, place in at.items():
         item.x = found[place]

@@ -392,8 +392,8 @@ def test_next_experiment_is_told_and_drawn(unsure: Diagnosis) -> None:
     page = Page(_page(unsure))
     page.assert_stands_alone()
     assert planned
-    for one in planned:
-        assert one.text in page.text
+    for step in (step for one in planned for step in one.instructions):
+        assert step in page.text
     drawn = " ".join(page.values("aria-label"))
     assert " or ".join(one.effects[0] for one in unsure.verdict.rivals) in drawn
     assert planned[0].text.partition(". ")[0] in page.source.partition("</header>")[0]
