@@ -30,13 +30,12 @@ from servo_models.data.sensor import (
     usual_width,
 )
 
-EXACT = 1e-6  # a reading without steps or noise counts as exact to this share of its range
-NO_NOISE = "millionth of the range, no noise"  # the origin of such a floor
-MOVES = 10.0  # width of most readings in noise floors, from which something moves
-STRETCHES = 100  # of a log; within one of them nothing moves where it rests
-SPEEDS = ("m/s", "rad/s")
-ODD = 3.0
-"""Medians of all logs above which the floor of one is its own: of two logs both always count."""
+EXACT = 1e-6  # least noise floor of a reading over its range
+NO_NOISE = "millionth of the range, no noise"  # origin of such a floor
+MOVES = 10.0  # usual width of a reading over its noise floor above which it moves
+STRETCHES = 100  # stretches of a log, within one of which nothing moves where it rests
+SPEEDS = ("m/s", "rad/s")  # units of speeds
+ODD = 3.0  # floor over the median of all logs above which a log does not count; of two both do
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,7 +195,7 @@ def _at_rest(log: Log, plant: Plant, readings: Sequence[Reading]) -> float:
 
 # Outputs and inputs
 
-SAME_CLOCK = 1.5  # intervals below this many shortest ones are one period of a command's clock
+SAME_CLOCK = 1.5  # interval over the shortest below which it is one period of a command's clock
 
 
 @dataclass(frozen=True)
@@ -321,9 +320,9 @@ def _band(
 
 # What makes a log doubtful, each with its cure
 
-STALE = 0.2  # share of the moving samples
-CLIPPED = 0.01  # share of the samples
-LEAST_STEPS_PER_RANGE = 10.0  # of a reading
+STALE = 0.2  # share of moving samples that repeat the one before, above which it is told
+CLIPPED = 0.01  # share of samples at a limit, or between reading steps, above which it is told
+LEAST_STEPS_PER_RANGE = 10.0  # range of a reading over its step below which it is told
 
 
 def _about_time(sampling: Sampling) -> Iterator[str]:

@@ -14,42 +14,33 @@ from servo_models.core.types import Array
 from servo_models.data.log import Log
 from servo_models.data.sensor import reading_step
 
-ROUNDING = 1e-3
-"""Share of a sampling step up to which a deviation from a regular grid is rounding of a clock
-that ticks evenly."""
-DECIMALS = 9  # of a stamp [s], below which its digits are rounding
-DIGITS_LEFT = 4.0
-"""Spacings of the floating-point numbers in which a stamp stands, below which its digits are
-rounding."""
-MOST_TICKS = 2.0**52
-"""Of the finest step in a log: all of them are exact in a floating-point number."""
-STRICT, CLOSED = 1.0 - 1e-6, 1.0 + 1e-6
-"""Range of stamps about an even grid, in quanta: rounding leaves less than one; a clock that ticks
-where the rounding turns, one."""
-LOOSE = 2.0
-"""The same where rows were late or early as well, so that every stamp is within one quantum."""
-LOOSE_PERIODS = 0.5  # that rows may be late by: a lost one shifts stamps by a whole period
-SHORT = 1.01  # of the least range, that a period of few digits may leave
-TURNS = 3  # odd steps that show a rounding: fewer may be lost rows, or one that stands twice
-MOST_BREAKS = 0.02  # gaps in rows: more of them are jitter
-FIRST_BREAKS = 2  # gaps that are no matter of share
-LEAST_STRETCH = 16  # rows between gaps that tell a period
+ROUNDING = 1e-3  # deviation from a regular grid over the sampling step up to which it is rounding
+DECIMALS = 9  # decimals of a stamp [s] beyond which its digits are rounding
+DIGITS_LEFT = 4.0  # finest step of stamps over the spacing of floating-point numbers of their size
+MOST_TICKS = 2.0**52  # longest log in finest steps: all are exact in a floating-point number
+STRICT = 1.0 - 1e-6  # range of stamps about an even grid, in quanta: rounding leaves less than one
+CLOSED = 1.0 + 1e-6  # range in quanta if the clock ticks where the rounding turns: one
+LOOSE = 2.0  # range in quanta where rows were late or early as well: every stamp within one
+LOOSE_PERIODS = 0.5  # lateness of rows in periods, at most: a lost row shifts stamps by a whole one
+SHORT = 1.01  # range over the least one that a period of few digits may leave
+TURNS = 3  # odd steps that show a rounding, at least: fewer may be lost rows, or a repeated one
+MOST_BREAKS = 0.02  # gaps over rows above which they are jitter
+FIRST_BREAKS = 2  # gaps allowed beyond that share, however short the log
+LEAST_STRETCH = 16  # fewest rows between gaps that tell a period
 THIRDS = 45  # steps of the search for a period, each of which leaves two thirds of its interval
 
-BINS_PER_STEP = 8  # of the usual step, in which stamps are counted to find their period
-RATES = (0.7, 3.5)  # of that period, over the usual one: uneven rows are up to three periods apart
-LEAST_COHERENCE = 0.2  # of stamps with a period: half a period late on average leaves 0.3
-LEAST_POWER = 25.0  # coherence^2 times rows: without a period it is hardly ever reached
-MOST_SPARSE = 20.0  # usual steps for each row
-PHASES = 64  # of a period, that are tried
-NEIGHBOURS = 5  # on each side, from which a reading is foretold
-CUBIC = 4  # coefficients
-MOST_FORETOLD = 20_000  # rows
-WITHOUT_WILD = 0.9  # share of the rows that tell what is usual: a glitch spoils ten of them
-WILD_SQUARE = 16.0  # above the usual one: it counts no more than this
-SURELY_SMOOTHER = 2.0
-"""Standard errors by which readings are smoother over the even clock than over their stamps; where
-the stamps are true and readings tell, they are rougher by as many."""
+BINS_PER_STEP = 8  # bins in a usual step, in which stamps are counted to find their period
+RATES = (0.7, 3.5)  # range of the rate over the usual one: uneven rows are up to 3 periods apart
+LEAST_COHERENCE = 0.2  # coherence of stamps with a period; half a period late on average leaves 0.3
+LEAST_POWER = 25.0  # coherence^2 times rows; without a period it is hardly ever reached
+MOST_SPARSE = 20.0  # duration in usual steps over the number of rows, at most
+PHASES = 64  # phases of a period that are tried
+NEIGHBOURS = 5  # neighbours on each side, from which a reading is predicted
+CUBIC = 4  # coefficients of a cubic
+MOST_FORETOLD = 20_000  # rows that are predicted, at most
+WITHOUT_WILD = 0.9  # share of rows that tell the usual squared error: a glitch spoils ten of them
+WILD_SQUARE = 16.0  # squared error over the usual one at which it is cut
+SURELY_SMOOTHER = 2.0  # gain of the even clock over its standard error above which stamps came late
 
 
 @dataclass(frozen=True, eq=False)
@@ -394,22 +385,16 @@ def _unforetold(values: Array, times: Array, rows: NDArray[np.int64]) -> Array:
 
 # What it is on the whole, and where rows are missing
 
-GAP = 1.5  # a step longer than this many usual ones has lost samples
-STAMPS = 3
-"""Different steps that time stamps need to show their digits, 0 among them: no clock rests."""
-COARSE_STAMPS_PER_STEP = 0.3
-"""Step of the stamps, in usual steps, from which it is no small part of them."""
+GAP = 1.5  # step over the usual one above which samples are lost
+STAMPS = 3  # different steps that time stamps need to show their digits, 0 among them
+COARSE_STAMPS_PER_STEP = 0.3  # step of the stamps over the usual step from which stamps are coarse
 JITTERY = 0.2  # standard deviation of the sampling step over its mean, from which rows are uneven
-SHORT_STEPS = 3
-"""Steps below the usual one that show rounded stamps: a lost row only makes steps longer."""
-LONG_STEPS = 0.1
-"""Share of steps one stamp longer than the usual one that shows rounded stamps as well."""
+SHORT_STEPS = 3  # steps below the usual one that show rounding: a lost row only makes steps longer
+LONG_STEPS = 0.1  # share of steps one stamp longer than usual above which they show rounding
 USUAL_ROWS = 33  # rows about a step that tell the usual one: a clock may wander
 STRAIGHT_ROWS = 16  # rows over which stamps are compared with a straight line
-BENT_STAMPS = 2.0
-"""Second difference of the stamps, in their steps, that three roundings of a line do not reach."""
-BENT_ROWS = 0.1
-"""Share of rows with more, up to which stamps are straight: gaps bend the rows about them."""
+BENT_STAMPS = 2.0  # second difference of stamps, in their steps, that rounding does not reach
+BENT_ROWS = 0.1  # share of such rows up to which stamps are straight: gaps bend the rows about them
 
 
 @dataclass(frozen=True)

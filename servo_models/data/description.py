@@ -33,8 +33,9 @@ from servo_models.data.schema import (
 from servo_models.data.signals import read_clock, read_log
 from servo_models.errors import UserError
 
-SIMULATION, TRANSFER_FUNCTION, ELEMENTS = "simulation", "transfer_function", "elements"
-"""Ways of an identification."""
+SIMULATION = "simulation"  # identification by simulating the logs
+TRANSFER_FUNCTION = "transfer_function"  # identification from frequency responses
+ELEMENTS = "elements"  # identification element by element
 
 
 class DescriptionTable(Table):

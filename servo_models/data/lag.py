@@ -12,11 +12,10 @@ from servo_models.core.plant import Plant, Wire
 from servo_models.data.log import Log
 from servo_models.units import exponents, factor
 
-LONGEST = 1.0  # s, of a lag that is looked for
-COARSE = 60  # lags at which errors are summed up first
-CLOSE = 1e-5  # s, to which the best lag about the best of these is found
-FOLLOWED = 0.5
-"""RMS that is left over that of the reading about its mean, up to which it follows its command."""
+LONGEST = 1.0  # longest lag that is looked for [s]
+COARSE = 60  # lags at which errors are computed first
+CLOSE = 1e-5  # tolerance of the lag found [s]
+FOLLOWED = 0.5  # RMS error over the RMS of the reading up to which it follows its command
 
 
 @dataclass(frozen=True)

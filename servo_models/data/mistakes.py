@@ -25,57 +25,45 @@ from servo_models.data.sensor import (
     usual_width,
 )
 
-LEAST_ROWS = 50  # of a log, below which chance looks like a mistake
-EQUAL = 1e-9  # of the range
-"""Difference of two readings that are the same."""
-COPIED = 1e-4  # of the range
-"""What may be left of a reading beside a copy of its command: rounding of a printed number."""
+LEAST_ROWS = 50  # rows below which chance looks like a mistake
+EQUAL = 1e-9  # difference over the range up to which two readings are the same
+COPIED = 1e-4  # rest beside a copy of the command over the range: rounding of a printed number
 REPEATS = 0.1  # share of rows that repeat the one before, up to which noise is seen in a reading
-HELD_ROWS = 12  # rows in which a reading with noise does not repeat itself by chance
-STEPS_OF_NOISE = 2.0
-"""Noise over the step of a reading, from which it changes from row to row even at rest."""
-HELD_SHARE = 0.02  # share of all rows at one value, from which it is no accident
-STUCK_SHARE = 0.1  # the same in one piece, away from the ends of the range
-STRAIGHT = 1e-5  # of the range
-"""Second difference of three readings on a line."""
-STRAIGHT_SHARE = 0.55
-"""Share of moving rows on a line with their neighbours: every other row was put between."""
-BENT = 20.0  # second difference elsewhere, over that on a line
-LEAP_RATIO = 5.0  # a leap over the largest step between two rows that is none
-LEAST_LEAP = 0.1  # of the range
-MOST_LEAPS = 40  # of a log; more of them are how it moves
-MOST_RUNS = 2  # leaps that may be alike by chance: a coarse sensor makes more
-ANSWERED = 0.3
-"""Leap at most jumps of a command over that at one, for their size, if it answers in a row."""
-SAME_LEAP = 0.15  # by which leaps of a counter that begins anew may differ, relative
-WRAPPED = 0.6  # leap over the range, from which a counter begins anew
-TURN = 2.0 * np.pi
-PLACEHOLDERS = 3
-"""Times that the same number lies far outside the range of the others, if it is no reading."""
-JUMP = 0.05  # of its range
-"""A command that moves so far between two rows jumps."""
-FAR_JUMP = 0.2  # of its range
-"""The same of a column that looks like a command where another one should be."""
-AHEAD_ROWS = (64, 40, 24, 16, 10, 6, 4)  # before a jump, in which an answer would come too early
-LEAST_JUMPS = 2  # of a command, by which an answer before it is no accident
-QUIET = 3  # times as many rows in which the command has stood before
-LIKE_SIGNED = 0.8  # share of jumps that are moved ahead of, all of them the same way
-SUDDEN = 4.0  # motion ahead of jumps over that in as many rows before, and over its noise
-AHEAD_SHARE = 0.05  # the same over the answer in as many rows after
+HELD_ROWS = 12  # rows for which a reading with noise does not repeat itself by chance
+STEPS_OF_NOISE = 2.0  # noise over reading step from which readings change from row to row at rest
+HELD_SHARE = 0.02  # share of all rows at an end of the range above which a reading is clipped
+STUCK_SHARE = 0.1  # share of all rows at one value, in one piece, above which a reading is stuck
+STRAIGHT = 1e-5  # second difference over the range up to which three readings lie on a line
+STRAIGHT_SHARE = 0.55  # share of moving rows on a line, above which every other row was put between
+BENT = 20.0  # second difference elsewhere over that on a line, above which rows were put between
+LEAP_RATIO = 5.0  # size of a leap over the largest step that is none, at least
+LEAST_LEAP = 0.1  # size of a leap over the range, at least
+MOST_LEAPS = 40  # leaps in a log, at most: more are how it moves
+MOST_RUNS = 2  # equal leaps that joined runs may have by chance: a coarse sensor makes more
+ANSWERED = 0.3  # median response to jumps of a command over the largest, if leaps are answers
+SAME_LEAP = 0.15  # deviation of leaps from their median, relative, up to which they are equal
+WRAPPED = 0.6  # size of a leap over the range above which a counter begins anew
+TURN = 2.0 * np.pi  # angle of a turn [rad]
+PLACEHOLDERS = 3  # rows of one number far outside the range of the others, if it is no reading
+JUMP = 0.05  # change between two rows over the range above which a command jumps
+FAR_JUMP = 0.2  # change over the range from which a column jumps as a command does
+AHEAD_ROWS = (64, 40, 24, 16, 10, 6, 4)  # rows before a jump in which an answer comes too early
+LEAST_JUMPS = 2  # jumps of a command at which an answer before them is no accident
+QUIET = 3  # rows before these for which the command stands, over their number
+LIKE_SIGNED = 0.8  # share of jumps that are preceded by motion the same way
+SUDDEN = 4.0  # motion ahead of jumps over that before it, and over its noise
+AHEAD_SHARE = 0.05  # motion ahead of jumps over the answer in the rows after them
 LOADS = ("N", "N.m")  # units of inputs that are no command
-AVERAGED = -0.35
-"""Correlation of third differences of averages that share no row but the first; -1/2 of white
-noise."""
-ELSE_AVERAGED = 0.6  # share of it, up to which other averages go together
-CLIPPED_NOISE = 3.0
-"""Standard deviations at which third differences are cut, so that jumps count as noise does."""
+AVERAGED = -0.35  # correlation of third differences below which readings are means; -1/2 in theory
+ELSE_AVERAGED = 0.6  # correlation elsewhere over this one, at most, if readings are means
+CLIPPED_NOISE = 3.0  # standard deviations to which third differences are cut: a jump counts little
 NO_KINK = 0.8
-"""Correlation of fourth differences from row to row; -4/5 in white noise, 0 at a kink, 2/3 behind
-a filter of second order."""
+"""Correlation of fourth differences from row to row from which there is no kink: -4/5 in white
+noise, 0 at a kink, 2/3 behind a filter of second order."""
 STANDS = 0.15  # share of rows at the end in which a reading stands though its command moves
-STILL = 8.0  # range in noise floors of a reading that stands
-LONGER = 5.0  # width of a reading over that at rest, from which it has moved before
-AS_FAR = 0.3  # range of its command meanwhile, over that of the whole log
+STILL = 8.0  # width of a reading that stands over its noise, at most
+LONGER = 5.0  # width of a reading over that at rest from which it has moved before
+AS_FAR = 0.3  # range of the command meanwhile over that in the whole log, at least
 
 
 class Mistake(str):

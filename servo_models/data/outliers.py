@@ -14,12 +14,12 @@ from servo_models.core.types import Array, Mask
 from servo_models.data.log import Log
 from servo_models.data.sensor import APART, outliers, usual_range
 
-JUMP = 0.02  # of its range: a command that moves so far between two samples excuses a peak
-SMOOTH = 0.005  # of its range: an input that moves so far between most samples is noise or smooth
-BEFORE, AFTER = 2, 5
-"""Samples before and after such a jump at which a peak is an answer; stamps may be late."""
+JUMP = 0.02  # change between two samples over the range above which a command excuses a peak
+SMOOTH = 0.005  # median change over the range above which an input is noise or smooth, no steps
+BEFORE = 2  # samples before such a jump at which a peak is an answer: stamps may be late
+AFTER = 5  # samples after such a jump at which a peak is an answer
 POSITIONS = ("m", "rad")  # units of what does not leap; rates, currents and voltages do
-NAMED = 3  # outliers of an output that a sentence names
+NAMED = 3  # outliers of an output that a sentence names, at most
 
 
 class Outlier(NamedTuple):

@@ -34,7 +34,7 @@ from servo_models.report.interchange import plain
 from servo_models.report.result import registered
 from servo_models.units import factor
 
-CORRELATION_DIGITS = 6  # that a file holds
+CORRELATION_DIGITS = 6  # decimals of a correlation in a file
 
 
 class FigureTable(Table):

@@ -29,10 +29,9 @@ from servo_models.report.numbers import plural
 from servo_models.units import WRITTEN_IN, exponents, factor
 
 CHECK = "# guessed"
-COUNTS_PER_TURN = (1024, 4096, 8192, 16384, 65536)  # of encoders
-LARGEST_DEGREES = 400.0
-"""Largest angle of a joint in degrees; whole numbers beyond are counts."""
-HEAD_BYTES = 4096  # of a file, in which it may name the motor
+COUNTS_PER_TURN = (1024, 4096, 8192, 16384, 65536)  # counts in a turn of usual encoders
+LARGEST_DEGREES = 400.0  # largest angle of a joint in degrees; whole numbers beyond are counts
+HEAD_BYTES = 4096  # bytes at the beginning of a file in which it may name the motor
 LONGEST_SENTENCE = 4000  # characters of a sentence about columns, whose names are anybody's
 
 
@@ -381,11 +380,10 @@ QUANTITIES = {
 """Words that tell a quantity, and its SI unit."""
 KNOWN = {word for text in QUANTITIES for word in text.split()}
 SIDE_SCORE = 4.0  # score from which a column is taken for another input than the command
-NEAR_REST = 1.2  # full scales by which an input may be away from its rest
+NEAR_REST = 1.2  # distance of an input from its rest in full scales, at most
 WOBBLE_PER_SIZE = 0.1  # range of a column over its distance from rest, below which it is no command
 LEAST_SCORE = 2.0  # score from which a column is taken for the command or a reading
-LONGEST_STEP = 0.5
-"""A log is not sampled more slowly than this [s]; decides the unit of times without one."""
+LONGEST_STEP = 0.5  # longest sampling step [s], which decides the unit of times without one
 
 
 @dataclass(frozen=True)
@@ -639,7 +637,7 @@ UNIT_SUFFIXES = {
     "nm": "N.m",
     "mnm": "mN.m",
 }
-"""How authors write units behind an underscore, in lower case."""
+"""Units by the suffix that authors write behind an underscore, in lower case."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -57,9 +57,9 @@ else:
 
 T = TypeVar("T")
 
-DEEPEST = 20  # tables and lists inside each other; the longest dotted names have a few parts
-LONGEST_PLACE = 100  # characters that are told of a dotted name
-LARGEST = 4 << 20  # bytes of a file that a person wrote
+DEEPEST = 20  # depth of tables and lists inside each other, at most: dotted names have a few parts
+LONGEST_PLACE = 100  # characters of a dotted name in a message, at most
+LARGEST = 4 << 20  # bytes of a file that a person wrote, at most
 DATES = (datetime.date, datetime.datetime, datetime.time)
 
 

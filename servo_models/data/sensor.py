@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 from servo_models.core.types import Array, Mask
 from servo_models.report.document import Document
 
-ROUNDED = 1e-12  # readings closer than this share of the largest are equal but for rounding
-INNER = (1.0, 99.0)
-"""Percentiles between which readings count: noise is 4.7 times its floor wide there."""
+ROUNDED = 1e-12  # difference over the largest reading up to which two are equal but for rounding
+INNER = (1.0, 99.0)  # percentiles between which readings count: noise is 4.7 floors wide there
 
 
 def usual_range(values: Array) -> tuple[float, float]:
@@ -50,26 +49,18 @@ def runs(flags: Mask) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 # of the distances between codes.  Chance: Rissanen, Automatica 14 (1978), two numbers told for each
 # lattice.
 
-ON_STEP = 0.1
-"""Distance from a multiple of the step, in steps, that still is on it: two digits are left."""
-FINEST = 24  # steps that the two closest values are apart at most
+ON_STEP = 0.1  # distance from a multiple of the step, in steps, below which a value is on it
+FINEST = 24  # distance of the two closest values in steps, at most
 REACHES = tuple(3.0**k for k in range(1, 16))
-"""Distances in steps up to which codes are counted, one after the other: each makes the step known
-to a part of the next."""
-LANDINGS = 10
-"""Values that met codes of twice the step alone: by chance once in a thousand (2**-10)."""
-CODES = 4  # different values that readings take at least: three may be places of rest
-EVEN = 0.2
-"""Changes of speed for each move: fewer are a ramp, whose samples lie as far apart as codes."""
-UNLIKELY = math.log(1e4)  # how much likelier, as a logarithm, a lattice is to be than chance
-RESAMPLED = 0.1
-"""Share of the readings that occur more than once where a resampled log shows its codes."""
-SETTLING = 0.4
-"""Share of the values between codes that are near one: 0.2 of those that lie anywhere.  Above,
-they settle there, and the codes are places of rest."""
-EQUAL = 1e-6  # part of a step that interpolation between two equal readings may leave
-COARSER = 1.5
-"""How much larger codes of repeated readings are than a step of all, if these were resampled."""
+"""Distances in steps up to which codes are counted, in turn: each refines the step for the next."""
+LANDINGS = 10  # codes and single steps, at least: chance leaves out every second code once in 2**10
+CODES = 4  # different values that readings take, at least: three may be places of rest
+EVEN = 0.2  # changes of speed per move, at least: samples of a ramp lie as far apart as codes
+UNLIKELY = math.log(1e4)  # log-likelihood ratio of a lattice to chance, at least
+RESAMPLED = 0.1  # share of readings that occur more than once, from which they are taken for codes
+SETTLING = 0.4  # share near a code of the values between codes, above which a shaft rests there
+EQUAL = 1e-6  # distance from a code, in steps, that interpolation between equal readings may leave
+COARSER = 1.5  # step of repeated readings over that of all, above which a log may be resampled
 
 
 @dataclass(frozen=True)
@@ -241,12 +232,13 @@ def _off(multiples: Array) -> Array:
 
 # Noise
 
-ORDERS = (1, 2, 3)
-DITHERS = 8  # draws of dither: its own scatter is then a third of what one draw adds
-HARMONICS = 50  # of the rounding error's series: a thousandth of a step^2 is left of 1/12
-SPAN = 4
-"""Samples over which the speed of a motion is taken: rounding adds a tenth of a step a sample."""
-QUANTUM, REPEATS, RESIDUAL = "reading step", "repeated commands", "fast residual"
+ORDERS = (1, 2, 3)  # orders of differences
+DITHERS = 8  # draws of dither: their scatter is then a third of what one draw adds
+HARMONICS = 50  # harmonics of the rounding error: a thousandth of a step^2 is left of 1/12
+SPAN = 4  # samples over which a speed is taken: rounding adds a tenth of a step a sample
+QUANTUM = "reading step"
+REPEATS = "repeated commands"
+RESIDUAL = "fast residual"
 FLAG = 1.0 / math.sqrt(12.0)  # noise floor of a reading that says yes or no: its step is 1
 
 
@@ -362,12 +354,11 @@ def _phases_kept(turns: Array) -> Array:
 
 # Responses to the same commands
 
-STILL = 0.01  # share of its range by which a reading at rest may move
-SAME_START = 0.05  # share of its range within which readings at rest begin a repetition alike
-REST_SAMPLES = 5
-"""Samples for which a command must stand still so that its next move begins a repetition."""
-REST_SHARE, REST_PARTS = 0.5, 4
-"""Last part of the stretch before such a move that is compared, and in how many pieces."""
+STILL = 0.01  # motion of a reading over its range up to which it is at rest
+SAME_START = 0.05  # distance over the range up to which readings at rest begin a repetition alike
+REST_SAMPLES = 5  # samples for which a command stands before a move that begins a repetition
+REST_SHARE = 0.5  # last part of the stretch before such a move that is compared, over its length
+REST_PARTS = 4  # pieces of that part whose means are compared
 
 
 def spread_of_repeats(values: Array, command: Array) -> float | None:
@@ -441,11 +432,10 @@ def _same_commands(
 # Wild readings
 
 WINDOW = 5  # readings of a running median; it passes over up to two neighbouring outliers
-APART = 5.0
-"""An outlier is this many times as far from its neighbours as any other reading, or step."""
-LEAST_SHARE = 0.02  # of the range of most readings: less than that harms no fit
-MOST_OUTLIERS_SHARE = 0.01  # of the readings: more of them belong to the signal
-LEAST_OUTLIERS = 5  # readings that may be outliers in a log however short
+APART = 5.0  # distance of an outlier from its neighbours over that of other readings, or the step
+LEAST_SHARE = 0.02  # distance of outliers over the range of most readings: less harms no fit
+MOST_OUTLIERS_SHARE = 0.01  # share of readings that may be outliers: more belong to the signal
+LEAST_OUTLIERS = 5  # number of readings that may be outliers however short the log
 
 
 def off_neighbours(values: Array) -> Array:
@@ -485,11 +475,11 @@ def outliers(values: Array, excused: Mask | None = None) -> Array:
 
 # Readings that stay
 
-MOVES = 8.0  # change in noise floors from which a reading moves
-SMALL = 10.0  # percentile of such changes between two samples that is a step of a coarse sensor
-FEW = 20  # moving samples, below which a share of them is chance
-LATE_SAMPLES = 2  # by which stretches of one command may differ in length: it is sampled late
-FAST = 12.0  # speed of a motion, in noise floors a sample
+MOVES = 8.0  # change in noise floors above which a reading moves
+SMALL = 10.0  # percentile of changes between two samples that is a step of a coarse sensor
+FEW = 20  # moving samples below which a share of them is chance
+LATE_SAMPLES = 2  # difference in length of stretches of one command: it is sampled late
+FAST = 12.0  # speed before a sudden stop in noise floors a sample, at least
 LEVELS = 2  # levels beside the extremes at which a reading rests that sticks
 
 

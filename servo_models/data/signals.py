@@ -37,22 +37,19 @@ from servo_models.units import factor, fitting_unit
 Read = Callable[[Path, str | None, bool | None], Columns]
 Clocks = Callable[[Columns, str | int, str, bool, float | None], "Clock"]
 
-LEAST_SAMPLES = 16
-LARGEST, LEAST = 1e100, 1e-100
-"""Sizes [SI] of a signal outside of which its square is none that a number holds."""
-SAME_TIME = 1e-9  # instants closer than this [s] are one: times and shifts are rounded
-AT_REST = 1e-3  # an input within this share of its scale from rest counts as at rest
-MOST_EMPTY = 1000.0  # usual steps in a log for each of its rows: more is a clock that has jumped
+LEAST_SAMPLES = 16  # fewest samples of a log
+LARGEST = 1e100  # largest size of a signal [SI]: no number holds the square of a larger one
+LEAST = 1e-100  # least range of a reading [SI], for the same reason
+SAME_TIME = 1e-9  # difference [s] up to which instants are one: times and shifts are rounded
+AT_REST = 1e-3  # distance of an input from rest over its scale up to which it is at rest
+MOST_EMPTY = 1000.0  # duration in usual steps over the number of rows: above, a clock has jumped
 MOST_PER_ROW = 3e3  # internal steps of the model between two rows: more is a wrong unit
-SENSIBLE_PER_ROW = 300.0  # the same, of a unit that is offered instead
-MOST_REPEATS_PER_ROW = 0.2
-"""Share of stamps that repeat the one before, above which they are coarser than the clock."""
-ROUNDED_QUANTA = 1.01
-"""How far rounded stamps may be about an even clock, in their quanta: one, and its last digits."""
-EXACT_QUANTA = 0.01  # drift of the rows against the stamps, up to which these are the very times
-LOST_QUANTA = 0.5
-"""The same where a row takes one quantum: a row that is lost, and no rounding, shifts them by 1."""
-SHORTER = ("ms", "us", "ns")
+SENSIBLE_PER_ROW = 300.0  # internal steps between two rows in a unit that is offered instead
+MOST_REPEATS_PER_ROW = 0.2  # share of stamps that repeat the one before: more are too coarse
+ROUNDED_QUANTA = 1.01  # range of rounded stamps about an even clock in quanta: one, and last digits
+EXACT_QUANTA = 0.01  # drift of rows against stamps, in quanta, up to which these are the very times
+LOST_QUANTA = 0.5  # range of such stamps about an even clock in quanta: a lost row shifts them by 1
+SHORTER = ("ms", "us", "ns")  # units that are offered in place of longer ones
 SHORTEST = 1e-12  # usual step [s] below which no clock of a log has ticked
 
 
@@ -123,7 +120,7 @@ class Judged(Table):
     after_change: Seconds
 
 
-SIGNAL: Any = Column | Signal  # what stands at the name of an input or an output
+SIGNAL: Any = Column | Signal  # type of what stands at the name of an input or an output
 
 
 class LogTable(Table):

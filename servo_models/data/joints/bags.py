@@ -15,16 +15,15 @@ from servo_models.data.scaffold import COMMAND
 from servo_models.data.schema import quoted
 from servo_models.errors import UserError
 
-OF_TOPICS = (".mcap", ".db3")
+OF_TOPICS = (".mcap", ".db3")  # suffixes of recordings of topics
 CONTROLLER = (
     ("reference.positions", "feedback.positions"),
     ("desired.positions", "actual.positions"),
 )
-"""Fields of control_msgs/JointTrajectoryControllerState, of now and before ROS 2 Iron."""
-JOINT_STATE = "position"
-"""Field of sensor_msgs/JointState."""
-ARRAY, TRAJECTORY = "data[", "points[0].positions"
-"""Fields of std_msgs/Float64MultiArray and trajectory_msgs/JointTrajectory."""
+"""Fields of control_msgs/JointTrajectoryControllerState, since ROS 2 Iron and before."""
+JOINT_STATE = "position"  # field of sensor_msgs/JointState
+ARRAY = "data["  # field of std_msgs/Float64MultiArray
+TRAJECTORY = "points[0].positions"  # field of trajectory_msgs/JointTrajectory
 BY_HEADER = "the stamps in the headers, not those of arrival"
 BY_ARRIVAL = (
     "those of arrival at the recorder, since the headers have no common stamps: a late message"

@@ -16,12 +16,13 @@ from servo_models.data.scaffold import CHECK, LARGEST_DEGREES
 from servo_models.data.signals import LEAST_SAMPLES
 from servo_models.errors import UserError
 
-MOST_EPISODES = 10  # in a first description: more of them take longer and tell little more
-HELD_OUT_FROM = 3  # episodes from which the last one is held out
-COMMAND, READING = "action", "observation.state"
-TURN_OF_COUNTS = 4096  # counts a turn of the encoders in servos on a bus
-NORMALISED = 100.5  # end of the range of normalised positions, and rounding
-ROUNDED_STAMP = 1e-2  # frames by which a nominal time stamp is rounded
+MOST_EPISODES = 10  # episodes in a first description, at most: more take long and tell little
+HELD_OUT_FROM = 3  # number of episodes from which the last one is held out
+COMMAND = "action"  # feature with the commands
+READING = "observation.state"  # feature with the readings
+TURN_OF_COUNTS = 4096  # counts in a turn of the encoders in servos on a bus
+NORMALISED = 100.5  # end of the range of normalised positions, with rounding
+ROUNDED_STAMP = 1e-2  # rounding of a nominal time stamp, in frames
 RADIANS = 6.6  # largest angle of a joint in rad, a turn and some more
 UNSURE = (
     "degrees, or -100..100 (a gripper 0..100) of the calibrated range? The data do not say. For the"

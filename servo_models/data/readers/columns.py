@@ -22,9 +22,9 @@ from servo_models.files import check_size
 if TYPE_CHECKING:
     import polars as pl
 
-NUMBER = 8  # bytes
-LEAST_RUN = 8  # rows of a run of its own; fewer are rows out of order
-SHORTEST_STEP = 1e-18  # s, far below the step of any clock or solver
+NUMBER = 8  # bytes of a number
+LEAST_RUN = 8  # fewest rows of a run of its own; fewer are rows out of order
+SHORTEST_STEP = 1e-18  # step [s] far below that of any clock or solver
 
 
 @dataclass(frozen=True)

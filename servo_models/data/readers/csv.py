@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import polars as pl
 
 SUFFIXES = (".csv", ".tsv", ".txt")
-SEPARATORS = "\t;,"  # in the order in which they are looked for: a comma may be a decimal one
+SEPARATORS = "\t;,"  # separators in the order of the search: a comma may be a decimal one
 LOOKED_AT = 100  # rows in which a first number of each column is looked for
 DECIMAL_COMMA = r"^(\s*[-+]?\d*),(\d*(?:[eE][-+]?\d+)?\s*)$"
 

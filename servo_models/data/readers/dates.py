@@ -24,14 +24,14 @@ WRITTEN = tuple(
     re.compile(f"{form}{ZONE}", re.IGNORECASE | re.ASCII)
     for form in (f"(?:{DATE})?{TIME}", f"{BASIC_DATE}{BASIC_TIME}")
 )
-"""The extended format, with or without a date, and the basic one."""
+"""Forms of a time: the extended format, with or without a date, and the basic one."""
 OTHER_DATE = re.compile(
     r"(?:\d{4}([./-])\d\d?\1\d\d?|\d\d?([./-])\d\d?\2(?:\d{4}|\d\d))(?![\d./-])", re.ASCII
 )
-"""The begin of a date in another form, ``01.05.2024`` or ``5/1/2024``."""
+"""Beginning of a date in another form, ``01.05.2024`` or ``5/1/2024``."""
 EXAMPLE = "2024-05-01T12:00:00"
-NANOSECONDS = 10**9  # in a second
-DAY = 86400  # s
+NANOSECONDS = 10**9  # nanoseconds in a second
+DAY = 86400  # seconds in a day
 KEPT = ("zone", "part")  # parts of a time whose text is no number of its own
 
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import polars as pl
 
 SUFFIXES = (".json", ".jsonl", ".ndjson")
-OF_LINES = SUFFIXES[1:]
+OF_LINES = SUFFIXES[1:]  # suffixes of files with a record a line
 
 
 def read(source: Source) -> Tables:

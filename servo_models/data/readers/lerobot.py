@@ -22,9 +22,9 @@ INDICES = frozenset({"episode_index", "frame_index", "index", "task_index"})
 """Columns that count episodes, frames, rows and tasks."""
 OF_FRAMES = frozenset({"timestamp", "frame_index", "episode_index"})
 """Columns by which a Parquet file is one of a data set."""
-LARGEST_INFO = 4 << 20  # bytes
-MOST_EPISODES = 100_000  # that are counted
-DEEPEST = 5  # folders between a file of a data set and its root
+LARGEST_INFO = 4 << 20  # bytes of meta/info.json, at most
+MOST_EPISODES = 100_000  # episodes that are counted, at most
+DEEPEST = 5  # folders between a file of a data set and its root, at most
 
 
 @dataclass(frozen=True)

@@ -23,9 +23,10 @@ if TYPE_CHECKING:
 
 SUFFIXES = (".mat",)
 VERSION_73 = b"MATLAB 7.3"
-VERSION_4 = 0
-HEADER, TAG = 128, 8  # bytes
-COMPRESSED = 15
+VERSION_4 = 0  # major version that scipy tells of a file of MATLAB 4
+HEADER = 128  # bytes of the header of a file
+TAG = 8  # bytes of the tag of an element
+COMPRESSED = 15  # type of a compressed element
 
 
 def read(source: Source) -> Tables:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import polars as pl
 
 SUFFIXES = (".parquet",)
-MOST_ITEMS = 64  # of a list that is one of joints: a longer one is a scan or an image
+MOST_ITEMS = 64  # mean length of a list of joints, at most: a longer one is a scan or an image
 FOOTER = 8  # bytes at the end of a file: the size of its description, and "PAR1"
 
 

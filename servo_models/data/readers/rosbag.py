@@ -18,9 +18,8 @@ if TYPE_CHECKING:
     import polars as pl
 
 SUFFIXES = (".db3",)
-FOLDER = "metadata.yaml"
-"""File by which a folder is a bag."""
-LARGEST_MESSAGE = 16 << 10  # bytes; larger ones are images or scans, and read only if asked for
+FOLDER = "metadata.yaml"  # file by which a folder is a bag
+LARGEST_MESSAGE = 16 << 10  # bytes of a message; larger ones (images, scans) are read if asked for
 
 
 def read(source: Source) -> Tables:

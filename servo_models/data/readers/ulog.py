@@ -14,9 +14,9 @@ from servo_models.data.readers.columns import Source, Tables, array_column, extr
 from servo_models.errors import UserError
 
 SUFFIXES = (".ulg", ".ulog")
-HEADER = 16
-DEFINITIONS = b"BFIMPQ"
-FIRST_DATA = b"ALC"
+HEADER = 16  # bytes of the header of a file
+DEFINITIONS = b"BFIMPQ"  # types of messages that define others
+FIRST_DATA = b"ALC"  # types of messages with which the data begin
 
 
 def read(source: Source) -> Tables:
