@@ -38,7 +38,7 @@ from dataclasses import dataclass, field, replace
 from string import Formatter
 from typing import Any, Literal
 
-TYPICAL = 0.1  # of its upper bound, where a switch has no typical value
+TYPICAL = 0.1  # typical value of a switch over its upper bound, where it has none of its own
 SIGNAL = "signal"  # unit of a parameter that takes the unit and the scale of the wire it acts on
 TIME = "time"  # ``{time}`` in a unit is the plant's full scale of time
 
@@ -234,7 +234,7 @@ class Harmonic:
 
 
 Signature = Literal["", "codes", "clock"]
-OTHER_UNITS = ""  # in ``Hints.parameter_units``: every unit that no other effect names
+OTHER_UNITS = ""  # every unit that no other effect names, in ``Hints.parameter_units``
 
 
 @dataclass(frozen=True)

@@ -50,7 +50,7 @@ _CHECKED = (
 """Functions that raise in Python for some finite or infinite argument."""
 _PLAIN = ("atan", "atan2", "copysign", "fabs", "tanh")
 _CONSTANTS = {"pi": "3.141592653589793", "e": "2.718281828459045", "inf": ""}
-_LARGEST_INT = 2**31 - 1
+_LARGEST_INT = 2**31 - 1  # largest whole number of C
 
 
 def c_text(flat: Flat, off: Collection[str] = ()) -> str:

@@ -35,8 +35,7 @@ Run = Callable[..., tuple[int, int]]
 """``run`` as ``stepper.run_text`` says, of any number of sub-steps unless ``most`` are given.  It
 takes arrays of float64 in C order and no other."""
 
-FAST = ("-fno-math-errno", "-fno-trapping-math")
-"""Flags that change no bit: nobody reads ``errno`` and the flags of the processor."""
+FAST = ("-fno-math-errno", "-fno-trapping-math")  # flags that change no bit: nobody reads errno
 KEPT = 64  # compiled texts that a process keeps, the latest ones
 _FILE = "model.py"
 _HEAD = '''"""Compiled by servo-models from one declaration; delete freely."""

@@ -71,9 +71,9 @@ HOST_FLAGS = {
     ".dll": ("-s", "-static-libgcc", "-Wl,--no-insert-timestamp"),
     ".dylib": ("-fPIC", "-Wl,-x,-S"),
 }
-"""By the suffix; they stand behind the sources, since a library serves what comes before it."""
-LINES_OF_AN_ERROR = 6
-INSTALL = 'pip install ".[native]"'
+"""Flags by suffix; they stand behind the sources, since a library serves what comes before it."""
+LINES_OF_AN_ERROR = 6  # lines of a compiler's complaint that are told, at most
+INSTALL = 'pip install ".[native]"'  # how to get a compiler
 
 
 @dataclass(frozen=True)
@@ -276,8 +276,8 @@ def _sha256(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
-FAT_MAGIC, FAT_ALIGN = 0xCAFEBABE, 14
-"""Of a Mach-O file of several processors; slices begin at pages of 2**14 bytes, ARM's."""
+FAT_MAGIC = 0xCAFEBABE  # first number of a Mach-O file of several processors
+FAT_ALIGN = 14  # exponent of 2 of the alignment of its slices [bytes]: a page of ARM
 
 
 def universal(slices: Sequence[bytes]) -> bytes:

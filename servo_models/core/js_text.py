@@ -34,7 +34,7 @@ function copysign(size, sign) {
 }
 """
 _OWN = ("copysign",)
-ROWS_AT_ONCE = 16
+ROWS_AT_ONCE = 16  # rows of a call of ``advance``
 
 
 def js_model(flat: Flat) -> str:

@@ -11,23 +11,18 @@ from collections.abc import Callable, Iterable, Iterator
 
 from servo_models.core.flat import Chunk, Flat, kept
 
-STAGES = 5
+STAGES = 5  # points of a sub-step at which stage lines run
 CREDIT = 8.0  # sub-steps that may be thrown away one after the other; 7 halvings locate a jump
 
 ACCURATE = 1e-5
-"""Error that may be made in an internal step, in full scales or, where they are larger, in states;
-a sub-step may make its share by time."""
+"""Error allowed in an internal step, over full scale or, where that is larger, over the state; a
+sub-step may make its share by time."""
 GROSS = 0.1
-"""Change by its last stages, of full scale, at which even the shortest sub-step is useless: an
+"""Change by the last stages over full scale at which even the shortest sub-step is useless: an
 instability grows this far, a jump of the right-hand side does not."""
-RUNAWAY = 1e3
-"""States in full scales: what is larger runs away, and no shorter sub-step would hold it."""
-SHORTEST_S = 5e-7
-"""Sub-step [s] below which only an internal step that is given goes: 60 communication steps of
-20 ms would take more than seconds."""
-FURTHEST = 2.0**45
-"""Distance from time 0, in internal steps: beyond it numbers lie more than the shortest sub-step of
-1/128 apart, and a sub-step would end where it began."""
+RUNAWAY = 1e3  # size of a state over full scale beyond which no shorter sub-step would hold it
+SHORTEST_S = 5e-7  # shortest sub-step [s], unless the internal step that is given is shorter
+FURTHEST = 2.0**45  # largest time in internal steps: beyond it times are coarser than a sub-step
 DOUBLED = 1024.0
 """Growth of ``_error`` when a sub-step doubles, 2^8, and a factor of 2 in the error to spare."""
 

@@ -30,17 +30,13 @@ from servo_models.errors import UserError
 from servo_models.report.result import Result as Reported
 from servo_models.units import parse
 
-LONGEST_RUN = 1e8
-"""Internal steps in a run: some ten seconds of work.  More is a slip of a unit or of a clock."""
-MOST_TRIED = 10
-"""Changed parameters of a run that fails, up to which each is put back alone to name its part."""
+LONGEST_RUN = 1e8  # internal steps of a run, some ten seconds of work: more is a wrong unit
+MOST_TRIED = 10  # changed parameters of a failed run that are put back one by one, at most
 SHORTEST = 1e-12  # communication step [s] below which an internal step is not halved
 PLANTS = 64  # plants whose texts are kept, the latest ones: a person's own come and go
-CHANGED = 1e-3
-"""Change of an output with half the internal step, in full scales, that is worth a word."""
-FAR = 100.0  # full scales beyond which an output is hardly meant
-NUMBERS = "biufO"
-"""Kinds of arrays that are taken as numbers: bool, whole, float, and objects that float() takes."""
+CHANGED = 1e-3  # change of an output by half the internal step over full scale, if it is told
+FAR = 100.0  # size of an output over full scale beyond which it is hardly meant
+NUMBERS = "biufO"  # kinds of arrays taken as numbers: bool, whole, float, what float() takes
 SECONDS = "give seconds, shape (n,)"
 ANGLES = ("shaft_angle", "load_angle", "coasting_angle")
 SPEEDS = ("shaft_speed", "load_speed", "coasting_speed")
