@@ -210,11 +210,11 @@ class Ambiguity:
     group: tuple[str, ...]
     against: tuple[str, ...] = ()
 
-    def separates(self, one: str, other: str) -> bool:
+    def separates(self, effect: str, other: str) -> bool:
         """Return whether the experiment tells two effects apart."""
         others = self.against or self.group
-        return one != other and (
-            (one in self.group and other in others) or (other in self.group and one in others)
+        return effect != other and (
+            (effect in self.group and other in others) or (other in self.group and effect in others)
         )
 
 
@@ -348,8 +348,8 @@ class Block:
         """
         params = {keys.get(name, name): param for name, param in self.params.items()}
         memory = {keys.get(name, name): it for name, it in self.memory.items()}
-        own = {key: name for name, key in keys.items()}
-        return replace(self, params=params, memory=memory, keys=own)
+        arguments = {key: name for name, key in keys.items()}
+        return replace(self, params=params, memory=memory, keys=arguments)
 
     @property
     def switches(self) -> tuple[str, ...]:

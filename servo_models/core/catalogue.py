@@ -30,16 +30,16 @@ def _modules(folder: str, packages: bool) -> dict[str, ModuleType]:
 def actuators() -> dict[str, Actuator]:
     """Every actuator by name."""
     modules = _modules("actuators", packages=True).values()
-    found = [getattr(module, "ACTUATORS", None) or (module.ACTUATOR,) for module in modules]
-    return {actuator.name: actuator for actuator in chain(*found)}
+    defined = [getattr(module, "ACTUATORS", None) or (module.ACTUATOR,) for module in modules]
+    return {actuator.name: actuator for actuator in chain(*defined)}
 
 
 @functools.cache
 def all_actuators() -> dict[str, Actuator]:
     """Every actuator by name, and what else its folder defines: its torque-causal form."""
     modules = _modules("actuators", packages=True).values()
-    found = [value for module in modules for value in vars(module).values()]
-    return {value.name: value for value in found if isinstance(value, Actuator)}
+    defined = [value for module in modules for value in vars(module).values()]
+    return {value.name: value for value in defined if isinstance(value, Actuator)}
 
 
 @functools.cache
@@ -77,9 +77,9 @@ def effects_on(
         >>> [effect.name for effect in placed]
         ['hysteresis', 'drive_saturation']
     """
-    found = {name: _effect_of(name) for name in names}
+    chosen = {name: _effect_of(name) for name in names}
     for key in changes:
-        if not any(key in effect.params for effect in found.values()):
+        if not any(key in effect.params for effect in chosen.values()):
             raise ValueError(f"no effect among {', '.join(names)} has a parameter '{key}'")
     return tuple(
         place(
@@ -88,18 +88,18 @@ def effects_on(
             *((wire,) if isinstance(wire, str) else wire),
             params={key: change for key, change in changes.items() if key in effect.params},
         )
-        for name, effect in found.items()
+        for name, effect in chosen.items()
     )
 
 
 def _effect_of(name: str) -> Block:
     """The effect whose name a placement's name is or ends with."""
-    own = [one for one in effects() if f"_{name}".endswith(f"_{one}")]
-    if not own:
+    fitting = [one for one in effects() if f"_{name}".endswith(f"_{one}")]
+    if not fitting:
         raise ValueError(
             f"'{name}' ends with the name of no effect: place it by servo_models.place"
         )
-    functions = effects()[max(own, key=len)]
+    functions = effects()[max(fitting, key=len)]
     if len(functions) > 1:
         raise ValueError(f"'{name}' has several functions: place each of them by plant.place")
     return functions[0]
@@ -144,8 +144,8 @@ def _foreign(path: Path, part: str, named_in: Path | None, trust: bool) -> Actua
     if named_in:
         path = named_in.parent / path
         check_trust(path, named_in, trust)
-    found: Actuator = importlib.import_module("servo_models.foreign").load(path, part)
-    return found
+    loaded: Actuator = importlib.import_module("servo_models.foreign").load(path, part)
+    return loaded
 
 
 def _own(path: Path, named_in: Path | None, trust: bool) -> Actuator:
@@ -153,13 +153,13 @@ def _own(path: Path, named_in: Path | None, trust: bool) -> Actuator:
     if named_in:
         path = named_in.parent / path
         check_trust(path, named_in, trust)
-    found = load_actuator(path)
-    for variant in found.variants:
-        plant = found.plant_of(variant.name)
+    loaded = load_actuator(path)
+    for variant in loaded.variants:
+        plant = loaded.plant_of(variant.name)
         try:
-            flatten(plant, found.name)
+            flatten(plant, loaded.name)
             check_units(plant)
-            found.values(variant.name)
+            loaded.values(variant.name)
         except (ValueError, UserError) as error:
             raise UserError(f"'{path}': {error}") from error
-    return found
+    return loaded

@@ -103,13 +103,13 @@ def needed_compiler() -> Compiler:
     Raises:
         UserError: there is none.
     """
-    found = compiler()
-    if found is None:
+    installed = compiler()
+    if installed is None:
         named = f"; it is '{os.environ['CC']}'" if os.environ.get("CC") else ""
         raise UserError(
             f"no C compiler was found: {INSTALL}, or set CC to one for a platform of FMI{named}"
         )
-    return found
+    return installed
 
 
 def zig() -> Compiler | None:

@@ -269,7 +269,7 @@ class _Flattener:
         needed |= {self.text(wire, self.now[wire]) for wire in self.plant.outputs}
         needed |= {kept("next", name) for name, _ in self.memory} | set(self.carried())
         read_by: dict[str, set[str]] = {}
-        found: list[Chunk] = []
+        served: list[Chunk] = []
         for chunk in reversed(stage):
             readers, serves = {chunk.owner}, set[str]()
             if not chunk.owner:
@@ -281,8 +281,8 @@ class _Flattener:
                     needed.update(chunk.reads)
             for wire in chunk.reads:
                 read_by.setdefault(wire, set()).update(readers)
-            found.append(chunk._replace(serves=tuple(sorted(serves))))
-        return found[::-1]
+            served.append(chunk._replace(serves=tuple(sorted(serves))))
+        return served[::-1]
 
     def carried(self) -> list[str]:
         states = {s.name for s in self.plant.states} | self.starts

@@ -49,10 +49,10 @@ def _run(path: Path, content: bytes) -> Actuator:
         raise UserError(
             f"'{path}' does not run: {type(error).__name__}: {error}; correct it"
         ) from error
-    found = getattr(module, "ACTUATOR", None)
-    if not isinstance(found, Actuator):
+    defined = getattr(module, "ACTUATOR", None)
+    if not isinstance(defined, Actuator):
         raise UserError(f"'{path}' defines no ACTUATOR: set it to an Actuator")
-    return replace(found, file=path)
+    return replace(defined, file=path)
 
 
 def executed(text: str, path: str) -> ModuleType:
@@ -86,10 +86,10 @@ def simulation(name: str) -> tuple[Path, str] | None:
         >>> simulation("arm/robot.xml#elbow")
         (PosixPath('arm/robot.xml'), 'elbow')
     """
-    found = SIMULATION.fullmatch(name)
-    if not found:
+    parts = SIMULATION.fullmatch(name)
+    if not parts:
         return None
-    fmu, python, function, mjcf, joint = found.groups()
+    fmu, python, function, mjcf, joint = parts.groups()
     return Path(fmu or python or mjcf), function or joint or ""
 
 

@@ -254,11 +254,11 @@ class Plant:
     @cached_property
     def placements(self) -> dict[str, tuple[Placement, ...]]:
         """Placements by effect name as placed; two functions of one effect stay together."""
-        found: dict[str, tuple[Placement, ...]] = {}
+        placed: dict[str, tuple[Placement, ...]] = {}
         for link in self.chain:
             if isinstance(link, Placement):
-                found[link.name] = (*found.get(link.name, ()), link)
-        return found
+                placed[link.name] = (*placed.get(link.name, ()), link)
+        return placed
 
     def main(self, name: str) -> Placement:
         """Return where an effect itself is placed, and none of its parts."""
@@ -277,7 +277,9 @@ class Plant:
         Raises:
             ValueError: two blocks declare one unlike each other.
         """
-        found = {name: Parameter(name, param, owner="") for name, param in self.constants.items()}
+        declared = {
+            name: Parameter(name, param, owner="") for name, param in self.constants.items()
+        }
         blocks: list[Block | Placement] = [*self.chain]
         if self.projection:
             blocks.append(self.projection)
@@ -286,16 +288,16 @@ class Plant:
                 for key, param in link.effect.params.items():
                     name = f"{link.name}.{key}"
                     known = self._in_si(name, link.params.get(key, param), link)
-                    found.setdefault(name, Parameter(name, known, owner=link.name))
+                    declared.setdefault(name, Parameter(name, known, owner=link.name))
             else:
                 for key, param in link.params.items():
-                    if found.setdefault(key, Parameter(key, param, owner="")).param != param:
+                    if declared.setdefault(key, Parameter(key, param, owner="")).param != param:
                         raise ValueError(
                             f"parameter '{key}' of block '{link.name}' is declared otherwise"
                             " elsewhere: give it another name, or take that of the other block"
                             " as a plain argument"
                         )
-        return dict(sorted(found.items(), key=lambda item: item[1].owner != ""))
+        return dict(sorted(declared.items(), key=lambda item: item[1].owner != ""))
 
     def rated(
         self, rests: Mapping[str, float] | None = None, scales: Mapping[str, float] | None = None
@@ -345,10 +347,10 @@ class Plant:
             full, is_below = wire.scale**power, "/" in param.unit[: match.start()]
             scale = scale / full if is_below else scale * full
             is_compound = "." in wire.unit or "/" in wire.unit
-            own = ".".join([wire.unit] * power) if is_compound else f"{wire.unit}{match[2]}"
-            own = f"({own})" if is_compound and is_below else own
-            unit = unit.replace(match[0], own)
-            display = display.replace(match[0], wire.display or own)
+            of_wire = ".".join([wire.unit] * power) if is_compound else f"{wire.unit}{match[2]}"
+            of_wire = f"({of_wire})" if is_compound and is_below else of_wire
+            unit = unit.replace(match[0], of_wire)
+            display = display.replace(match[0], wire.display or of_wire)
         follows = param.unit.startswith(SIGNAL) and self.wire[link.on[0]].display
         return replace(
             param,

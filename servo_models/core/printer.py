@@ -79,8 +79,8 @@ class Printer:
         every: dict[tuple[str, ...], None] = {}
         for owners, group in itertools.groupby(chunks, key=lambda it: it.needed_by):
             every[owners] = None
-            own = itertools.chain.from_iterable(it.lines for it in group)
-            lines += [f"if {self.any_of(owners)}:", *indent(own)]
+            inner = itertools.chain.from_iterable(it.lines for it in group)
+            lines += [f"if {self.any_of(owners)}:", *indent(inner)]
         if len(every) == 1:
             yield from lines
         else:
@@ -327,9 +327,9 @@ class Printer:
         its if, since at rest they would be integrated all the same."""
         lines: list[str] = []
         for owner, states in itertools.groupby(self.states, key=lambda state: state[1]):
-            own = [line for name, _, _ in states for line in lines_of(name)]
+            inner = [line for name, _, _ in states for line in lines_of(name)]
             behind = owner and self.guarded
-            lines += [f"if {kept('on', owner)}:", *indent(own)] if behind else own
+            lines += [f"if {kept('on', owner)}:", *indent(inner)] if behind else inner
         return lines
 
     def move(self, k: int) -> list[str]:

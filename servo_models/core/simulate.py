@@ -149,8 +149,8 @@ class Model:
     provenance: str = ""
 
     def __repr__(self) -> str:
-        own = self.actuator.values(self.variant)
-        changed = sum(value != own[name] for name, value in self.values.items())
+        nominal = self.actuator.values(self.variant)
+        changed = sum(value != nominal[name] for name, value in self.values.items())
         return f"<Model of {self.actuator.name}, variant {self.variant}: {changed} values changed>"
 
     @cached_property
@@ -286,15 +286,15 @@ class Model:
 
     def _responsible(self, begin: Array, times: Array, inputs: Array) -> str:
         """Clause about the parameters without each of which a run that fails would succeed."""
-        own = self.actuator.values(self.variant)
-        changed = [name for name, value in self.values.items() if value != own[name]]
+        nominal = self.actuator.values(self.variant)
+        changed = [name for name, value in self.values.items() if value != nominal[name]]
         blamed = []
         for name in changed if len(changed) <= MOST_TRIED else ():
-            vector = np.array(list({**self.values, name: own[name]}.values()))
+            vector = np.array(list({**self.values, name: nominal[name]}.values()))
             with contextlib.suppress(UserError):
                 self.ran(vector, begin.copy(), times, inputs)
                 unit = self.plant.parameters[name].param.unit
-                instead = f"{own[name]:g} {unit}".removesuffix(" 1")
+                instead = f"{nominal[name]:g} {unit}".removesuffix(" 1")
                 blamed.append(f"with '{name}' = {instead} instead of {self.values[name]:g} it runs")
         return f" ({'; '.join(blamed)})" if blamed else ""
 
@@ -320,14 +320,14 @@ def model(
         >>> round(servo.values["backlash.half_width"], 5)  # rad
         0.00873
     """
-    found = find_actuator(actuator) if isinstance(actuator, str) else actuator
-    chosen = found.variant(variant).name
-    plant = found.plant_of(chosen)
+    declared = find_actuator(actuator) if isinstance(actuator, str) else actuator
+    chosen = declared.variant(variant).name
+    plant = declared.plant_of(chosen)
     overrides: dict[str, float] = {}
     for name, value in (parameters or {}).items():
         if name not in plant.parameters:
             raise UserError(
-                unknown("parameter", name, plant.parameters, f"actuator '{found.name}'")
+                unknown("parameter", name, plant.parameters, f"actuator '{declared.name}'")
             )
         parameter = plant.parameters[name]
         try:
@@ -336,7 +336,9 @@ def model(
             raise UserError(f"parameter '{name}': {error}") from error
         overrides[name] = on_bound(given, parameter.param)
         check_bounds(parameter, overrides[name])
-    return Model(found, chosen, found.values(chosen, overrides), flat_of(plant, found.name))
+    return Model(
+        declared, chosen, declared.values(chosen, overrides), flat_of(plant, declared.name)
+    )
 
 
 def with_output(chosen: Model, wire: str) -> Model:

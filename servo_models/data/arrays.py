@@ -75,8 +75,8 @@ def describe(
     if not isinstance(logs, Mapping):
         raise UserError("logs: give a mapping of names to tables, {'bench': frame}")
     logs = {str(name): table for name, table in logs.items()}
-    own = chosen.actuator.values(chosen.variant)
-    changed = {name: value for name, value in chosen.values.items() if value != own[name]}
+    nominal = chosen.actuator.values(chosen.variant)
+    changed = {name: value for name, value in chosen.values.items() if value != nominal[name]}
     _check_mapping("columns", columns, "names to headers", "{'time': 't', 'angle': 'deg'}")
     example = "{'bench': {'held_out': True}}"
     each = {} if each is None else each

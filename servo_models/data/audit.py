@@ -73,9 +73,9 @@ def audits(logs: Sequence[Log], plant: Plant) -> tuple[Audit, ...]:
     A sensor is an output from a column of one name, unit and scale.  The fast residual supposes
     samples that are almost evenly spaced.
     """
-    found = [_audit(log, plant, steps) for log, steps in zip(logs, _steps(logs, plant))]
-    commanded, moves = _commands_vary(logs, plant), any(map(_moves, found))
-    return tuple(replace(it, commanded=commanded, moves=moves) for it in found)
+    audited = [_audit(log, plant, steps) for log, steps in zip(logs, _steps(logs, plant))]
+    commanded, moves = _commands_vary(logs, plant), any(map(_moves, audited))
+    return tuple(replace(it, commanded=commanded, moves=moves) for it in audited)
 
 
 def show_motion(logs: Sequence[Log], plant: Plant) -> bool:
@@ -86,10 +86,11 @@ def show_motion(logs: Sequence[Log], plant: Plant) -> bool:
     return _commands_vary(logs, plant) or audits(logs, plant)[0].moves
 
 
-def _moves(found: Audit) -> bool:
+def _moves(audit: Audit) -> bool:
     """Whether an output of a log moves beyond its noise, single wild readings apart."""
     return any(
-        usual_width(found.log.outputs[it.name]) > MOVES * it.floor.value for it in found.readings
+        usual_width(audit.log.outputs[reading.name]) > MOVES * reading.floor.value
+        for reading in audit.readings
     )
 
 
@@ -120,15 +121,15 @@ def _steps(logs: Sequence[Log], plant: Plant) -> list[dict[str, Step]]:
             channel = log.channels[name]
             sensor = (name, channel.column, channel.unit, channel.scale)
             sensors.setdefault(sensor, []).append(i)
-    found: list[dict[str, Step]] = [{} for _ in logs]
+    by_log: list[dict[str, Step]] = [{} for _ in logs]
     for (name, *_), members in sensors.items():
         if plant.wire[name].flag:
             steps = [NO_STEP] * len(members)
         else:
             steps = reading_steps([logs[i].outputs[name][logs[i].counted] for i in members])
         for i, step in zip(members, steps):
-            found[i][name] = step
-    return found
+            by_log[i][name] = step
+    return by_log
 
 
 def _audit(log: Log, plant: Plant, steps: Mapping[str, Step]) -> Audit:
@@ -248,17 +249,17 @@ class Command:
     band: tuple[float, float] | None
 
 
-def _reading(log: Log, wire: Wire, found: Step) -> Reading:
+def _reading(log: Log, wire: Wire, step: Step) -> Reading:
     """Return how an output was read, in these steps."""
     values = log.outputs[wire.name][log.counted]
     command = np.column_stack([np.zeros(len(log.times)), *log.inputs.values()])[log.counted]
-    floor = Floor(FLAG, None, 0.0) if wire.flag else noise_floor(values, found.size, command)
+    floor = Floor(FLAG, None, 0.0) if wire.flag else noise_floor(values, step.size, command)
     return Reading(
         name=wire.name,
         low=float(values.min()),
         high=float(values.max()),
-        step=found.size,
-        between=found.between,
+        step=step.size,
+        between=step.between,
         clipped=0.0 if wire.flag else clipped_share(values, command, floor.value),
         stale=0.0 if wire.flag else stale_share(values, floor.value),
         floor=floor,

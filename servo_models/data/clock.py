@@ -173,16 +173,16 @@ def _numbered(counts: NDArray[np.int64], width: float) -> NDArray[np.int64] | No
     first, last = stretch
     numbers = np.arange(last - first)
     while (first, last) != (0, n):
-        own = counts[first:last]
-        slope, _ = _line(own, numbers)
-        off = own - slope * numbers
+        within = counts[first:last]
+        slope, _ = _line(within, numbers)
+        off = within - slope * numbers
         middle = 0.5 * float(off.max() + off.min())
         more = (last - first + 1) // 2
         first, last = max(0, first - more), min(n, last + more)
-        found = _number(np.asarray(counts[first:last] - middle), slope, width)
-        if found is None or _line(counts[first:last], found, width)[1] > width:
+        renumbered = _number(np.asarray(counts[first:last] - middle), slope, width)
+        if renumbered is None or _line(counts[first:last], renumbered, width)[1] > width:
             return None
-        numbers = found
+        numbers = renumbered
     gaps = np.count_nonzero(np.diff(numbers) > 1)
     return numbers if gaps <= FIRST_BREAKS + MOST_BREAKS * n else None
 
@@ -359,8 +359,8 @@ def _rate(times: Array, usual: float) -> tuple[float, float]:
         return float(abs(np.exp(2j * np.pi * rate * times).mean()))
 
     fine = near + np.linspace(-0.5, 0.5, 33) / times[-1]
-    found = max(fine, key=coherence)
-    return float(found), coherence(found)
+    best = max(fine, key=coherence)
+    return float(best), coherence(best)
 
 
 def _gains(values: Array, stamps: Array, ticks: Array) -> Array:

@@ -194,12 +194,12 @@ def _model(
     """The nominal model, and the overrides that made it of its variant."""
     known = None if table.params is None else _known_before(document, table.params, trust)
     actuator = _actuator(document, table.actuator, known, trust)
-    own = known.variant if known else actuator.default_variant
-    given = own if table.variant is None else table.variant
-    if known and (actuator.key, given) != (known.actuator, own):
+    default = known.variant if known else actuator.default_variant
+    given = default if table.variant is None else table.variant
+    if known and (actuator.key, given) != (known.actuator, default):
         document.fail(
             "params",
-            f"'{known.file}' is of actuator '{known.actuator}', variant '{own}', not of"
+            f"'{known.file}' is of actuator '{known.actuator}', variant '{default}', not of"
             f" '{actuator.key}', '{given}'; leave out actuator and variant here",
         )
     try:
@@ -272,7 +272,7 @@ def _bounds(
     The nominal value lies between them, unless it says that an effect is off and surely so.
     """
     known = chosen.plant.parameters
-    section, found = named(given, "parameter", known), {}
+    section, bounds = named(given, "parameter", known), {}
     for name in section:
         unit = known[name].param.unit
         example = f'{name} = ["1 {unit}", "2 {unit}"]'
@@ -287,8 +287,8 @@ def _bounds(
             section.fail(
                 name, f"the nominal value, {value:g} {unit}, lies outside these; give wider ones"
             )
-        found[name] = (low, high)
-    return found
+        bounds[name] = (low, high)
+    return bounds
 
 
 def _free(document: Section, free: Sequence[str], chosen: Model) -> tuple[str, ...]:

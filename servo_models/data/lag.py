@@ -68,9 +68,9 @@ def lags(logs: Sequence[Log], plant: Plant) -> Iterator[Lag]:
         for output in plant.outputs:
             both = [log for log in logs if wire.name in log.inputs and output in log.outputs]
             if both and not wire.flag and units[wire.name] == units[output]:
-                found = _lag(both, wire.name, output)
-                if found:
-                    yield found
+                lag = _lag(both, wire.name, output)
+                if lag:
+                    yield lag
 
 
 def _lag(logs: Sequence[Log], command: str, output: str) -> Lag | None:

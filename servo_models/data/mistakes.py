@@ -76,9 +76,9 @@ class Mistake(str):
     imitated_by: tuple[str, ...]
 
     def __new__(cls, text: str, *imitated_by: str) -> Mistake:
-        found = super().__new__(cls, text)
-        found.imitated_by = imitated_by
-        return found
+        mistake = super().__new__(cls, text)
+        mistake.imitated_by = imitated_by
+        return mistake
 
 
 def mistakes(log: Log, plant: Plant, steps: Mapping[str, float]) -> Iterator[Mistake]:
@@ -300,8 +300,8 @@ def _straight(name: str, values: Array) -> Iterator[Mistake]:
 def _correlations(values: Array) -> Array:
     """With the same values later by 0, 1, 2 ... rows."""
     power = np.abs(np.fft.rfft(values, 2 * len(values))) ** 2
-    found = np.fft.irfft(power)[: len(values) // 3]
-    return np.asarray(found / max(found[0], np.finfo(float).tiny))
+    correlations = np.fft.irfft(power)[: len(values) // 3]
+    return np.asarray(correlations / max(correlations[0], np.finfo(float).tiny))
 
 
 def _averaged(name: str, values: Array) -> Iterator[Mistake]:

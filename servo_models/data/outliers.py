@@ -38,9 +38,9 @@ def outliers_of(log: Log, wire: Wire) -> tuple[Outlier, ...]:
         return ()
     values = log.outputs[wire.name]
     off = outliers(values, _answering(log) & ~_out_of_reach(values, wire))
-    found = [int(i) for i in np.flatnonzero((off != 0.0) & log.fitted)]
-    found.sort(key=lambda i: -abs(off[i]))
-    return tuple(Outlier(int(log.rows[i]), float(off[i])) for i in found)
+    samples = [int(i) for i in np.flatnonzero((off != 0.0) & log.fitted)]
+    samples.sort(key=lambda i: -abs(off[i]))
+    return tuple(Outlier(int(log.rows[i]), float(off[i])) for i in samples)
 
 
 def _answering(log: Log) -> Mask:
@@ -74,9 +74,9 @@ def without_outliers(log: Log, plant: Plant) -> Log:
     notes = []
     for name in log.outputs:
         wire = plant.wire[name]
-        if found := outliers_of(log, wire):
-            skipped |= np.isin(log.rows, [one.row for one in found])
-            notes.append(_words(wire, found))
+        if outlying := outliers_of(log, wire):
+            skipped |= np.isin(log.rows, [one.row for one in outlying])
+            notes.append(_words(wire, outlying))
     return replace(log, skipped=skipped, notes=(*log.notes, *notes)) if notes else log
 
 
@@ -86,10 +86,10 @@ def told(wire: Wire, value: float) -> str:
     return f"{scale * value:.4g} {unit}".rstrip()
 
 
-def _words(wire: Wire, found: Sequence[Outlier]) -> str:
-    shown = ", ".join(f"row {one.row} by {told(wire, one.size)}" for one in found[:NAMED])
-    more = f" and {len(found) - NAMED} more" if len(found) > NAMED else ""
-    rows = "these rows are" if len(found) > 1 else "this row is"
+def _words(wire: Wire, outlying: Sequence[Outlier]) -> str:
+    shown = ", ".join(f"row {one.row} by {told(wire, one.size)}" for one in outlying[:NAMED])
+    more = f" and {len(outlying) - NAMED} more" if len(outlying) > NAMED else ""
+    rows = "these rows are" if len(outlying) > 1 else "this row is"
     return (
         f"'{wire.name}' jumps away from its neighbours and back: {shown}{more}; {rows} left out of"
         " fits and scores"

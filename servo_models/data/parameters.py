@@ -208,17 +208,19 @@ class ParameterSet:
     def document(self) -> dict[str, Any]:
         """Return it as what JSON is made of, figures in SI."""
         known = find_actuator(self.actuator).plant_of(self.variant).parameters
-        found = ParametersDocument.made_from(
+        document = ParametersDocument.made_from(
             self,
             date=self.date and self.date.isoformat(),
             servo_models=self.version,
             parameters={
-                each.name: EstimateDocument.made_from(each, unit=known[each.name].param.unit)
-                for each in self.estimates
+                estimate.name: EstimateDocument.made_from(
+                    estimate, unit=known[estimate.name].param.unit
+                )
+                for estimate in self.estimates
             },
             figures={name: FigureDocument(*figure) for name, figure in self.figures.items()},
         )
-        made: dict[str, Any] = plain(found)
+        made: dict[str, Any] = plain(document)
         return made
 
     def provenance(self, overrides: Mapping[str, object]) -> str:
@@ -244,11 +246,11 @@ def with_given(
 
 def pairs(names: Sequence[str], correlations: Array) -> tuple[tuple[str, str, float], ...]:
     """Return the correlations of each two parameters, of those that have one; (p, p)."""
-    found = correlations.round(CORRELATION_DIGITS).tolist()
+    rounded = correlations.round(CORRELATION_DIGITS).tolist()
     return tuple(
-        (one, other, found[i][j])
-        for (i, one), (j, other) in combinations(enumerate(names), 2)
-        if math.isfinite(found[i][j]) and found[i][j]
+        (first, second, rounded[i][j])
+        for (i, first), (j, second) in combinations(enumerate(names), 2)
+        if math.isfinite(rounded[i][j]) and rounded[i][j]
     )
 
 
@@ -389,11 +391,11 @@ def _holds_tables_only(table: Mapping[str, object]) -> bool:
 
 
 def _estimate(section: Section, parameter: Parameter) -> Estimate:
-    entry, own = section.read(EstimateTable), parameter.param.unit
+    entry, si_unit = section.read(EstimateTable), parameter.param.unit
     if entry.unit is None:
-        section.fail("unit", f'missing; add unit = "{own}", or the one you mean')
+        section.fail("unit", f'missing; add unit = "{si_unit}", or the one you mean')
     try:
-        scale = factor(entry.unit, own)
+        scale = factor(entry.unit, si_unit)
     except UserError as error:
         section.fail("unit", error)
     value = scale * entry.value

@@ -38,25 +38,25 @@ def runs(entry: Section, tables: Container[str] = ()) -> Iterator[Section]:
         UserError: ``repeat`` is no list of tables or is empty, no file matches a pattern, or there
             is no such episode.
     """
-    found: list[Section] = []
+    sections: list[Section] = []
     for run in _repeated(entry):
         file = run.content.get("file")
         in_memory = file in tables if isinstance(file, str) else True
         files = _files(run, file) if _is_pattern(file) and not in_memory else [run]
-        for one in files:
-            found += [one] if in_memory else _episodes(one)
+        for section in files:
+            sections += [section] if in_memory else _episodes(section)
     if "repeat" not in entry:
-        return iter(found)
-    return _numbered(found, [run.content.get("name") for run in entry.sections("repeat")])
+        return iter(sections)
+    return _numbered(sections, [run.content.get("name") for run in entry.sections("repeat")])
 
 
-def _numbered(found: Sequence[Section], given: Sequence[Any]) -> Iterator[Section]:
+def _numbered(sections: Sequence[Section], given: Sequence[Any]) -> Iterator[Section]:
     """The runs, with a number behind a name that several of them have, and that is not taken.
 
     A name that is ``given`` stays.
     """
-    names = [str(run.content["name"]) for run in found]
-    for run, name in zip(found, names):
+    names = [str(run.content["name"]) for run in sections]
+    for run, name in zip(sections, names):
         if names.count(name) == 1 or run.content["name"] in given:
             yield run
             continue
@@ -100,20 +100,20 @@ def _repeated(entry: Section) -> Iterator[Section]:
         yield replace(run, content={**shared, **run.content, "name": name})
 
 
-def _name(shared: Mapping[str, Any], own: Mapping[str, Any], number: int) -> Any:
+def _name(shared: Mapping[str, Any], content: Mapping[str, Any], number: int) -> Any:
     """The name of a run that says none: from its own file, else by its number."""
     name = shared.get("name") or ""
-    if "episode" in own:  # which names it
+    if "episode" in content:  # which names it
         return name
-    if "file" in own:
-        return _behind(name, "" if _is_pattern(own["file"]) else _stem(own["file"]))
+    if "file" in content:
+        return _behind(name, "" if _is_pattern(content["file"]) else _stem(content["file"]))
     file = shared.get("file", "")
     return _behind(name or ("" if _is_pattern(file) else _stem(file)), str(number))
 
 
-def _behind(name: Any, own: str) -> Any:
+def _behind(name: Any, ending: str) -> Any:
     """Both parts of a name; what is no text is refused where the log is read."""
-    return f"{name} {own}".strip() if isinstance(name, str) else name
+    return f"{name} {ending}".strip() if isinstance(name, str) else name
 
 
 def _stem(file: Any) -> str:
@@ -127,13 +127,13 @@ def _is_pattern(file: Any) -> bool:
 def _files(run: Section, pattern: str) -> Iterator[Section]:
     """The same for each file that a pattern finds."""
     folder = run.file.parent
-    found = matching(folder, pattern)
-    if not found:
+    paths = matching(folder, pattern)
+    if not paths:
         run.fail("file", f"no file matches '{pattern}'; write it as seen from the description")
-    files = found if Path(pattern).is_absolute() else [path.relative_to(folder) for path in found]
+    files = paths if Path(pattern).is_absolute() else [path.relative_to(folder) for path in paths]
     first = run.content.get("name", "")
-    for file, own in zip(files, _names(files)):
-        content = {**run.content, "file": str(file), "name": _behind(first, own)}
+    for file, stem in zip(files, _names(files)):
+        content = {**run.content, "file": str(file), "name": _behind(first, stem)}
         yield replace(run, content=content)
 
 
@@ -167,8 +167,8 @@ def _episodes(run: Section) -> Iterator[Section]:
         if number not in known:
             there = f"{min(known)} to {max(known)}" if len(known) > 1 else f"{min(known)} alone"
             run.fail("episode", f"'{path}' has no frames of episode {number}; it has {there}")
-        own = f"episode {number}"
+        label = f"episode {number}"
         file = os.path.relpath(known[number][0], run.file.parent)
         yield replace(
-            run, content={**shared, "file": file, "table": own, "name": _behind(name, own)}
+            run, content={**shared, "file": file, "table": label, "name": _behind(name, label)}
         )

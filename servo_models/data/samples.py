@@ -134,12 +134,13 @@ def sample(chosen: ParameterSet, count: int, seed: int = 0) -> Samples:
     names = tuple(it.name for it in drawn)
     place = {name: k for k, name in enumerate(names)}
     correlation = np.eye(len(names))
-    for one, other, value in chosen.correlations:
-        if one in place and other in place:
-            correlation[place[one], place[other]] = correlation[place[other], place[one]] = value
+    for first, second, value in chosen.correlations:
+        if first in place and second in place:
+            i, j = place[first], place[second]
+            correlation[i, j] = correlation[j, i] = value
     errors = np.array([it.standard_error for it in drawn], dtype=float)
     low, high = (
-        np.array([getattr(known[name].param, it) for name in names]) for it in ("low", "high")
+        np.array([getattr(known[name].param, bound) for name in names]) for bound in ("low", "high")
     )
     sizes, axes = np.linalg.eigh(correlation)
     root = axes * np.sqrt(np.maximum(sizes, 0.0))

@@ -210,20 +210,19 @@ def _motors_in(path: Path) -> set[str]:
 
 def _filled(blank: Draft, columns: Sequence[Column], table: str | None) -> Draft:
     """A draft with a signal for each column that fits one, and the time of that table."""
-    own = [column for column in columns if column.table == table]
-    time = _time_of(own)
+    time = _time_of([column for column in columns if column.table == table])
     times = {_time_of([c for c in columns if c.table == column.table]) for column in columns}
-    stamps = [found[0] for found in times if found]
+    stamps = [stamp[0] for stamp in times if stamp]
     numbers = [c for c in columns if not (c.dates or c.counts or c in stamps)]
-    found = tuple(
+    matches = tuple(
         match
         for match in _matches([c for c in numbers if c.moves], blank)
         if match.column.table == table or match.wire in blank.plant.inputs
     )
-    found += tuple(_constant_inputs(numbers, blank.plant, [match.wire for match in found]))
-    used = {id(match.column) for match in found} | {id(stamp) for stamp in stamps}
+    matches += tuple(_constant_inputs(numbers, blank.plant, [match.wire for match in matches]))
+    used = {id(match.column) for match in matches} | {id(stamp) for stamp in stamps}
     unused = tuple(column for column in columns if id(column) not in used)
-    return replace(blank, time=time, matches=found, unused=unused)
+    return replace(blank, time=time, matches=matches, unused=unused)
 
 
 def write_draft(made: Draft, path: Path) -> None:
@@ -513,15 +512,16 @@ def _with_command(chosen: list[Match], commands: Sequence[Match], plant: Plant) 
 def _match(wire: Wire, column: Column, plant: Plant, main: bool, command: bool) -> Match:
     """How well a column fits a wire, the ``main`` input or output or another; ``command`` if its
     numbers are those of a command."""
-    words, own, output = set(column.words), set(wire.name.split("_")), wire.name in plant.outputs
+    words, name_words = set(column.words), set(wire.name.split("_"))
+    output = wire.name in plant.outputs
     told = column.unit is not None and _dimension(column.unit) == _dimension(wire.unit)
     unit = column.unit or _likely_unit(wire, column)
     converts = told or (column.unit is None and _near_rest(wire, column, unit))
     is_command, is_measured = command or bool(words & COMMAND), bool(words & MEASURED)
-    score = 4.0 * (words == own) + 1.5 * len(words & own)
+    score = 4.0 * (words == name_words) + 1.5 * len(words & name_words)
     score += 2.0 * told + LEAST_SCORE * _is_of_quantity(words, wire)
     score += LEAST_SCORE * bool(words & set(wire.words))
-    feeds, is_fed = bool(own & SUPPLY), _is_fed(column, plant)
+    feeds, is_fed = bool(name_words & SUPPLY), _is_fed(column, plant)
     is_command &= not is_fed
     score += SIDE_SCORE * (feeds and is_fed)
     if output:
@@ -547,8 +547,9 @@ def _is_fed(column: Column, plant: Plant) -> bool:
 
 def _tells(column: Column, plant: Plant) -> bool:
     """Return whether the name of a column says anything about what is in it."""
-    own = {word for wire in plant.wire.values() for word in wire.words}
-    return column.unit is not None or bool((KNOWN | COMMAND | MEASURED | own) & set(column.words))
+    wire_words = {word for wire in plant.wire.values() for word in wire.words}
+    known = KNOWN | COMMAND | MEASURED | wire_words
+    return column.unit is not None or bool(known & set(column.words))
 
 
 def _own_words(wire: Wire) -> set[str]:
@@ -560,8 +561,8 @@ def _dimension(unit: str) -> dict[str, int]:
 
 
 def _is_of_quantity(words: Iterable[str], wire: Wire) -> bool:
-    found = [unit for text, unit in QUANTITIES.items() if set(text.split()) & set(words)]
-    return any(_dimension(unit) == _dimension(wire.unit) for unit in found)
+    units = [unit for text, unit in QUANTITIES.items() if set(text.split()) & set(words)]
+    return any(_dimension(unit) == _dimension(wire.unit) for unit in units)
 
 
 def _likely_unit(wire: Wire, column: Column) -> str:
@@ -715,14 +716,14 @@ def _columns_of(path: Path) -> tuple[list[Column], list[LeftOut]]:
         for table, columns in _tables(path)
         for place in range(len(columns.names))
     ]
-    found = [column for column in every if isinstance(column, Column)]
+    numeric = [column for column in every if isinstance(column, Column)]
     left_out = [column for column in every if isinstance(column, LeftOut)]
-    if not found:
+    if not numeric:
         why = next((f": {column.why}" for column in left_out if column.damaged), "")
         raise UserError(
             f"'{path}' has no column of numbers throughout: repair one, then --init{why}"
         )
-    return found, left_out
+    return numeric, left_out
 
 
 def _tables(path: Path) -> Iterator[tuple[str | None, Columns]]:
@@ -748,8 +749,8 @@ def _column(columns: Columns, place: int, table: str | None) -> Column | LeftOut
     values = np.concatenate([np.full(begin, values[0]), values])
     words, unit = heading(name)
     unit = unit if dates is None else "s"
-    own = () if isinstance(key, int) and name.isdigit() else words
-    return Column(key, table, own, unit, values, dates is not None, gaps)
+    name_words = () if isinstance(key, int) and name.isdigit() else words
+    return Column(key, table, name_words, unit, values, dates is not None, gaps)
 
 
 def _is_mostly_numbers(columns: Columns, place: int) -> bool:

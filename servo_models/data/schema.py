@@ -184,9 +184,9 @@ def _dotted(name: str, key: str) -> str:
 def _explain(whole: Section, kind: Any, example: str, error: Exception) -> NoReturn:
     """Refuse the first key of a table that does not fit, or the whole."""
     kinds = _kinds(kind)
-    for one in kinds:
-        if isinstance(one, type) and issubclass(one, Table) and isinstance(whole.content, Mapping):
-            for part, inner, written in _fields(whole, one, example):
+    for option in kinds if isinstance(whole.content, Mapping) else ():
+        if isinstance(option, type) and issubclass(option, Table):
+            for part, inner, written in _fields(whole, option, example):
                 part.read(inner, written)
     complaint = error if isinstance(error, UserError) else _fault(whole.content, kinds, example)
     raise UserError(f"'{whole.file}', {whole.name}: {complaint}") from error

@@ -101,10 +101,10 @@ def reading_steps(records: Sequence[Array], least: int = CODES) -> list[Step]:
     sizes = _shared(seen, least)
     coarse = iter(_shared([one for one in often if one is not None], max(least, LANDINGS)))
     steps = []
-    for values, size, one in zip(records, sizes, often):
-        rough = next(coarse) if one is not None else 0.0
-        if one is not None and _resampled(one, values, size, rough):
-            off = one.residues(rough, values)
+    for values, size, repeated in zip(records, sizes, often):
+        rough = next(coarse) if repeated is not None else 0.0
+        if repeated is not None and _resampled(repeated, values, size, rough):
+            off = repeated.residues(rough, values)
             steps.append(Step(rough, float(np.mean(off > ON_STEP))))
         else:
             steps.append(Step(size))
@@ -200,24 +200,25 @@ def _refined(gaps: Array, step: float) -> float:
 
 def _line_through_codes(records: Sequence[_Record], step: float) -> float:
     """The slope of all codes over their numbers, each record with an offset of its own."""
-    both, own = 0.0, 0.0
-    for one in records:
-        number = np.concatenate([[0.0], np.cumsum(np.round(np.diff(one.codes) / step))])
+    products, squares = 0.0, 0.0
+    for record in records:
+        number = np.concatenate([[0.0], np.cumsum(np.round(np.diff(record.codes) / step))])
         about = number - number.mean()
-        both, own = both + float(about @ (one.codes - one.codes[0])), own + float(about @ about)
-    return both / own if own else step
+        products += float(about @ (record.codes - record.codes[0]))
+        squares += float(about @ about)
+    return products / squares if squares else step
 
 
 def _is_no_chance(records: Sequence[_Record], step: float, least: int) -> bool:
     worst, values, landings, bends, travel, reach = 0.0, 0, 0, 0, 0, 1.0
-    for one in records:
-        worst = max(worst, float(np.max(one.residues(step))))
-        values += len(one.codes) - 1
-        moves = np.round(np.diff(one.values) / step)
+    for record in records:
+        worst = max(worst, float(np.max(record.residues(step))))
+        values += len(record.codes) - 1
+        moves = np.round(np.diff(record.values) / step)
         landings += int(np.count_nonzero(np.abs(moves) == 1.0))
         bends += int(np.count_nonzero(np.diff(moves)))
         travel += int(np.count_nonzero(moves))
-        reach = max(reach, float(np.ptp(one.codes)) / step)
+        reach = max(reach, float(np.ptp(record.codes)) / step)
     if worst >= ON_STEP or values < least - 1 or values + landings < LANDINGS:
         return False
     if bends < EVEN * travel:
@@ -419,9 +420,9 @@ def _same_commands(
                 and abs((start - before[start]) - (first - before[first])) <= LATE_SAMPLES
                 and length > REST_SAMPLES
             )
-            one = slice(start - past - 1, start + length)
-            other = slice(first - past - 1, first + length)
-            if alike and np.array_equal(command[one], command[other]):
+            stretch = slice(start - past - 1, start + length)
+            earlier = slice(first - past - 1, first + length)
+            if alike and np.array_equal(command[stretch], command[earlier]):
                 group.append((start, stop))
                 break
         else:
@@ -528,13 +529,13 @@ def clipped_share(values: Array, command: Array, floor: float) -> float:
 def _sudden_stops(values: Array, floor: float) -> list[tuple[int, int]]:
     """Stretches (start, stop) of three or more equal readings that the speed before passes by."""
     same = np.abs(np.diff(values)) <= ROUNDED * np.abs(values[1:])
-    found = []
+    stops = []
     for start, last in zip(*runs(same)):
         speed = values[start - 1] - values[start - 2] if start > 1 else 0.0
         past = (values[start - 1] + speed - values[start]) * np.sign(speed) > 0.0
         if last - start >= 2 and past and abs(speed) > FAST * floor:
-            found.append((int(start), int(last) + 1))
-    return found
+            stops.append((int(start), int(last) + 1))
+    return stops
 
 
 def _alike(value: float, other: float) -> bool:

@@ -201,8 +201,8 @@ def read_log(
         return given or read(path, name, entry.header)
 
     mapped = [
-        one if one.empty else one._replace(empty=entry.missing)
-        for one in (*inputs.values(), *outputs.values())
+        signal if signal.empty else signal._replace(empty=entry.missing)
+        for signal in (*inputs.values(), *outputs.values())
     ]
     clock, others, notes = _clocks(section, entry, mapped, table, clocks)
     clock = _begun(clock, others.values(), path)
@@ -212,8 +212,8 @@ def read_log(
     if late:
         times, notes = late.times, [*notes, late.note]
     for kind, signals in (("inputs", inputs), ("outputs", outputs)):
-        for name, one in signals.items():
-            _check_shift(section, f"{kind}.{name}.shift", one.shift, times)
+        for name, signal in signals.items():
+            _check_shift(section, f"{kind}.{name}.shift", signal.shift, times)
     fed = {
         name: _moved(m.shift, times, _input(m, clock, others.get(m.table), wires[name]), hold=True)
         for name, m in inputs.items()
@@ -257,21 +257,21 @@ def _clocks(
     """The rows of a log, those of other tables that it has signals from, and notes on the log's."""
     main = _time_table(entry)
     used: dict[str | None, list[str | int]] = {main: []}
-    for one in mapped:
-        used.setdefault(one.table, []).append(one.column)
+    for signal in mapped:
+        used.setdefault(signal.table, []).append(signal.column)
     tables = {name: table(name) for name in used}
     dropped = {name: np.zeros(len(it.cells[0]), dtype=bool) for name, it in tables.items()}
     gaps = []
-    for one in mapped:
-        if one.empty:
-            columns = tables[one.table]
-            empty = columns.empty(one.column)
-            tables[one.table] = columns.held(one.column)
-            what = "hold the one before" if one.empty == "hold" else "are left out"
-            if one.empty == "drop":
-                dropped[one.table] |= empty
+    for signal in mapped:
+        if signal.empty:
+            columns = tables[signal.table]
+            empty = columns.empty(signal.column)
+            tables[signal.table] = columns.held(signal.column)
+            what = "hold the one before" if signal.empty == "hold" else "are left out"
+            if signal.empty == "drop":
+                dropped[signal.table] |= empty
             if empty.any():
-                name = columns.names[columns.index(one.column)]
+                name = columns.names[columns.index(signal.column)]
                 gaps.append(f"{np.count_nonzero(empty)} rows without a value of '{name}' {what}")
     whole = {
         name: _clock_of(section, entry.time, tables[name], clocks, name == main).without(
@@ -287,8 +287,8 @@ def _clocks(
 
 def _time_table(entry: LogTable) -> str | None:
     """The name of the table that the log's times are in, None if there is but one."""
-    own = entry.time.table if isinstance(entry.time, Time) else ""
-    return own or entry.table or None
+    own_table = entry.time.table if isinstance(entry.time, Time) else ""
+    return own_table or entry.table or None
 
 
 def _begun(clock: Clock, others: Iterable[Clock], path: Path) -> Clock:
@@ -452,8 +452,8 @@ def _mapped(
         if name not in wires:
             section.fail(name, unknown(kind, name, wires))
     mapped = {name: map_signal(section, name, wires[name], table) for name in section}
-    for name, one in mapped.items():
-        for key, said in (("missing", one.missing), ("outliers", one.farthest)):
+    for name, signal in mapped.items():
+        for key, said in (("missing", signal.missing), ("outliers", signal.farthest)):
             if kind == "input" and said is not None:
                 section.fail(f"{name}.{key}", f"an input has a value in every row; leave {key} out")
     return mapped
@@ -477,19 +477,19 @@ def _outputs(section: Section, readings: Mapping[str, Wire], main: str | None) -
 def _input(mapped: Mapped, clock: Clock, other: Clock | None, wire: Wire) -> Array:
     """An input in SI at the times of the log; from another table each value is held."""
     if other is None:
-        own, held = clock, np.arange(len(clock.rows))
+        source, held = clock, np.arange(len(clock.rows))
     else:
-        own = other
+        source = other
         held = np.searchsorted(other.stamps, clock.stamps, side="right") - 1
-    values = in_si(mapped, own.numbers(mapped.column))
+    values = in_si(mapped, source.numbers(mapped.column))
     bad = held[is_outside(values[held], wire)]
     if len(bad):
-        place = own.columns.where(mapped.column, int(own.rows[bad[0]]))
+        place = source.columns.where(mapped.column, int(source.rows[bad[0]]))
         raise UserError(
             f"{place}: {outside('input', wire.name, float(values[bad[0]]), wire)}, or correct the"
             f" column's unit and scale{_unit_inside(mapped, values[held], wire)}"
         )
-    check_size(mapped, own.columns, own.rows, values, wire)
+    check_size(mapped, source.columns, source.rows, values, wire)
     return values[held]
 
 
@@ -636,8 +636,8 @@ class Clock:
                 " columns that were sampled together, or the table of each"
             )
         first = int(self.rows[0])
-        found = self.columns.numbers(column, slice(first, int(self.rows[-1]) + 1))
-        return found[self.rows - first]
+        values = self.columns.numbers(column, slice(first, int(self.rows[-1]) + 1))
+        return values[self.rows - first]
 
 
 def read_clock(
@@ -733,9 +733,9 @@ def _with_values(clock: Clock, columns: Iterable[str | int]) -> tuple[Clock, lis
         return clock, []
     kept = clock.cut(int(np.searchsorted(clock.rows, begin)), len(clock.rows))
     rows = f"rows {first + table.first_row} to {begin - 1 + table.first_row} are"
-    one = f"row {first + table.first_row} is"
+    row = f"row {first + table.first_row} is"
     return kept, [
-        f"{rows if begin > first + 1 else one} left out, since column"
+        f"{rows if begin > first + 1 else row} left out, since column"
         f" '{table.names[table.index(latest)]}' has no value there yet"
     ]
 

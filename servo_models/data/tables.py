@@ -48,10 +48,10 @@ def read_inputs(path: str | Path, plant: Plant) -> tuple[Array, dict[str, Array]
     outputs = [plant.wire[name] for name in plant.outputs]
     names = [wire.name for wire in plant.inputs]
     times, signals = _read(Path(path), (*plant.inputs, *outputs), names)
-    found = {name: signals[name] for name in names if name in signals}
-    if not found:
+    inputs = {name: signals[name] for name in names if name in signals}
+    if not inputs:
         raise UserError(f"'{path}' has no column for an input: add one of {', '.join(names)}")
-    return times, found
+    return times, inputs
 
 
 def read_signals(path: str | Path, wires: Sequence[Wire]) -> tuple[Array, dict[str, Array]]:

@@ -149,7 +149,7 @@ def _has_stamps(columns: Columns) -> bool:
     return bool((steps >= 0.0).all() and (steps > 0.0).any())
 
 
-def _overlap(one: Columns, other: Columns) -> bool:
+def _overlap(command: Columns, reading: Columns) -> bool:
     """Whether both are stamped by one clock, as far as one can see."""
-    stamps = [columns.numbers(HEADER_STAMP) for columns in (one, other)]
+    stamps = [columns.numbers(HEADER_STAMP) for columns in (command, reading)]
     return bool(max(it[0] for it in stamps) < min(it[-1] for it in stamps))

@@ -57,7 +57,7 @@ def data_set(path: Path) -> Recording:
         try:
             if command is None:
                 raise UserError("a reading without a command, so nothing says what it was to do")
-            own = _moving(read, reading)
+            moving = _moving(read, reading)
         except UserError as error:
             left_out.append(f"{name}: no description, since {error}")
             continue
@@ -65,12 +65,12 @@ def data_set(path: Path) -> Recording:
             Joint(
                 name,
                 ('time = { column = "timestamp" }',),
-                column_keys(command, (read[number] for number in own), "hold"),
-                column_keys(reading, (read[number] for number in own), "drop"),
+                column_keys(command, (read[number] for number in moving), "hold"),
+                column_keys(reading, (read[number] for number in moving), "drop"),
                 unit,
                 "the unit",
                 doubt,
-                _runs(own),
+                _runs(moving),
             )
         )
     notes = [CLIPPED]
@@ -112,9 +112,9 @@ def _pairs(columns: Columns, info: Info) -> Iterator[tuple[str, str | None, str]
         info.names.get(COMMAND) and info.names.get(READING)
     )
     for place, reading in enumerate(readings):
-        own = reading.removeprefix(READING)
-        command = commands[place] if alike else named.get(own.removeprefix("."))
-        yield own.strip(".[]").removesuffix(".pos"), command, reading
+        suffix = reading.removeprefix(READING)
+        command = commands[place] if alike else named.get(suffix.removeprefix("."))
+        yield suffix.strip(".[]").removesuffix(".pos"), command, reading
 
 
 def _items(columns: Columns, name: str) -> list[str]:
@@ -127,10 +127,10 @@ def _moving(read: Mapping[int, Columns], reading: str) -> list[int]:
     Raises:
         UserError: none, or one in which a cell is no number.
     """
-    own = [number for number, columns in read.items() if np.ptp(_known(columns, reading))]
-    if not own:
+    moving = [number for number, columns in read.items() if np.ptp(_known(columns, reading))]
+    if not moving:
         raise UserError("it stands still in every episode: record one in which it moves")
-    return own
+    return moving
 
 
 def _known(columns: Columns, column: str) -> Array:
@@ -138,13 +138,13 @@ def _known(columns: Columns, column: str) -> Array:
     return columns.held(column).numbers(column, slice(columns.begin(column), None))
 
 
-def _runs(own: Sequence[int]) -> list[str]:
-    if len(own) < HELD_OUT_FROM:
-        return [f"episode = {list(own)}"]
+def _runs(numbers: Sequence[int]) -> list[str]:
+    if len(numbers) < HELD_OUT_FROM:
+        return [f"episode = {list(numbers)}"]
     return [
         "repeat = [",
-        f"    {{ episode = {list(own[:-1])} }},",
-        f"    {{ episode = {own[-1]}, held_out = true }},  {CHECK}: held out to judge a fit by",
+        f"    {{ episode = {list(numbers[:-1])} }},",
+        f"    {{ episode = {numbers[-1]}, held_out = true }},  {CHECK}: held out to judge a fit by",
         "]",
     ]
 

@@ -37,22 +37,22 @@ def recording(path: Path, actuator: str | None) -> Recording | None:
         UserError: it cannot be read, or no joint has both a command and a reading.
     """
     if is_data_set(path) or episodes(path):
-        found = data_set(path)
+        recorded = data_set(path)
     elif is_bag(path) or path.suffix.lower() in OF_TOPICS:
-        found = bag(path)
-        if not found.joints and (actuator or not found.left_out):
+        recorded = bag(path)
+        if not recorded.joints and (actuator or not recorded.left_out):
             return None
     else:
         return None
-    if not found.joints:
+    if not recorded.joints:
         raise UserError(
-            f"'{path}' has no joint with a command and a reading: {'; '.join(found.left_out)}"
+            f"'{path}' has no joint with a command and a reading: {'; '.join(recorded.left_out)}"
         )
-    return found
+    return recorded
 
 
 def write_joints(
-    found: Recording, folder: Path | None, actuator: str | None, trust: bool
+    recorded: Recording, folder: Path | None, actuator: str | None, trust: bool
 ) -> Iterator[tuple[str, bool]]:
     """Write a description for each joint, and yield what is to be told, and whether it is a fault.
 
@@ -65,20 +65,20 @@ def write_joints(
         UserError: a file that is there already, an actuator without a goal, or
             no joint whose description can be read.
     """
-    path = found.path
+    path = recorded.path
     chosen, variant = _chosen(actuator)
     whole = path.resolve()
     stem = "" if folder else f"{whole.stem if whole.is_file() else whole.name}_"
     place = folder or path.parent if path.name else whole.parent
     files: dict[Path, Joint] = {}
-    for joint in found.joints:
+    for joint in recorded.joints:
         files[_free(place, stem + _as_file(joint.name), files)] = joint
     for file in files:
         if os.path.exists(file):
             raise UserError(f"'{file}' exists: edit it, remove it, or name a folder with --out")
     written = 0
     for file, joint in files.items():
-        write_whole(file, _text(found, joint, chosen, variant, file.parent).encode())
+        write_whole(file, _text(recorded, joint, chosen, variant, file.parent).encode())
         try:
             description = read_description(file, trust)
         except UserError as error:
@@ -94,9 +94,9 @@ def write_joints(
     if not written:
         raise UserError(f"'{path}': no joint can be described; each says why above")
     doubts = dict.fromkeys(f"guessed, {it.guessed}: {it.doubt}" for it in files.values())
-    for text in (*found.notes, *doubts):
+    for text in (*recorded.notes, *doubts):
         yield printable(text, LONGEST_SENTENCE), False
-    for text in found.left_out:
+    for text in recorded.left_out:
         yield printable(text, LONGEST_SENTENCE), True
 
 
@@ -121,21 +121,22 @@ def _chosen(name: str | None) -> tuple[Actuator, Variant]:
         UserError: none does.
     """
     takers = [it for it in actuators().values() if _with_a_goal(it)]
-    found = find_actuator(name) if name else next(it for it in takers if it.general)
-    variants = _with_a_goal(found)
+    chosen = find_actuator(name) if name else next(it for it in takers if it.general)
+    variants = _with_a_goal(chosen)
     if not variants:
         names = " or ".join(it.name for it in takers)
-        raise UserError(f"{found.name} takes no angle as its goal: give --actuator {names}")
-    return found, variants[0]
+        raise UserError(f"{chosen.name} takes no angle as its goal: give --actuator {names}")
+    return chosen, variants[0]
 
 
-def _with_a_goal(found: Actuator) -> list[Variant]:
+def _with_a_goal(actuator: Actuator) -> list[Variant]:
     """The variants of an actuator that take an angle as goal."""
-    commands = {it.name: it.command or found.step[0] for it in found.variants}
+    commands = {variant.name: variant.command or actuator.step[0] for variant in actuator.variants}
     return [
-        it
-        for it in found.variants
-        if exponents(found.plant_of(it.name).wire[commands[it.name]].unit) == exponents("rad")
+        variant
+        for variant in actuator.variants
+        if exponents(actuator.plant_of(variant.name).wire[commands[variant.name]].unit)
+        == exponents("rad")
     ]
 
 
@@ -145,12 +146,14 @@ def _doubt(others: Iterable[str]) -> str:
     return f"  {CHECK}; there is also {named}" if named else ""
 
 
-def _text(found: Recording, joint: Joint, chosen: Actuator, variant: Variant, folder: Path) -> str:
+def _text(
+    recorded: Recording, joint: Joint, chosen: Actuator, variant: Variant, folder: Path
+) -> str:
     """A description of a joint, to stand in ``folder``."""
     plant = chosen.plant_of(variant.name)
     output = "angle_reading" if "angle_reading" in plant.outputs else plant.outputs[0]
     goal = variant.command or chosen.step[0]
-    file = quoted(Path(os.path.relpath(found.path.resolve(), folder.resolve())).as_posix())
+    file = quoted(Path(os.path.relpath(recorded.path.resolve(), folder.resolve())).as_posix())
     takers = (it.name for it in actuators().values() if it is not chosen and _with_a_goal(it))
     others = (it.name for it in _with_a_goal(chosen) if it is not variant)
     guessed = f"  {CHECK}: {joint.guessed}"
@@ -162,7 +165,7 @@ def _text(found: Recording, joint: Joint, chosen: Actuator, variant: Variant, fo
         "[[logs]]",
         f"file = {file}",
         *joint.log,
-        *(f"# {printable(text, LONGEST_SENTENCE)}" for text in found.notes),
+        *(f"# {printable(text, LONGEST_SENTENCE)}" for text in recorded.notes),
         f"# guessed, {joint.guessed}: {printable(joint.doubt, LONGEST_SENTENCE)}",
         f"inputs.{goal} = {{ {joint.command}, {joint.unit} }}{guessed}",
         f"outputs.{output} = {{ {joint.reading}, {joint.unit} }}{guessed}",

@@ -117,18 +117,18 @@ class Columns:
                     f"{place} has no column {column}: give a number from 1 to {len(self.cells)}"
                 )
             return column - 1
-        found = [i for i, name in enumerate(self.names) if name == column]
-        if not found:  # items of lists are written with brackets or dots
+        places = [i for i, name in enumerate(self.names) if name == column]
+        if not places:  # items of lists are written with brackets or dots
             also = [
                 name for alias, name in self.aliases.items() if _dotted(alias) == _dotted(column)
             ]
             meant = {_dotted(column), *also}
-            found = [i for i, name in enumerate(self.names) if {_dotted(name), name} & meant]
-        if not found:
+            places = [i for i, name in enumerate(self.names) if {_dotted(name), name} & meant]
+        if not places:
             raise UserError(f"{place} has no column '{column}'; {did_you_mean(column, self.names)}")
-        if len(found) > 1:
+        if len(places) > 1:
             raise UserError(f"{place} has two columns '{column}': give the number of one")
-        return found[0]
+        return places[0]
 
     def where(self, column: str | int, row: int | None = None) -> str:
         """File, table, row (counted from 0 here) and column in words."""
@@ -280,14 +280,14 @@ class Columns:
             )
 
 
-def _are_two_runs(one: Array, other: Array) -> bool:
+def _are_two_runs(first: Array, second: Array) -> bool:
     """Whether sorting by time [s] would mix the rows, or put the other ones long before."""
-    if min(len(one), len(other)) < LEAST_RUN:
+    if min(len(first), len(second)) < LEAST_RUN:
         return False
-    order = np.argsort(np.concatenate([one, other]), kind="stable")
-    turns = np.count_nonzero(np.diff(order < len(one)))
-    ahead = float(one[0] - other[-1])
-    return bool(turns > LEAST_RUN or ahead > LEAST_RUN * np.median(np.diff(one)))
+    order = np.argsort(np.concatenate([first, second]), kind="stable")
+    turns = np.count_nonzero(np.diff(order < len(first)))
+    ahead = float(first[0] - second[-1])
+    return bool(turns > LEAST_RUN or ahead > LEAST_RUN * np.median(np.diff(first)))
 
 
 def extra(name: str, module: str) -> Any:

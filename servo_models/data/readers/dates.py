@@ -78,7 +78,7 @@ def _exact(nanoseconds: np.ndarray[tuple[int], np.dtype[np.int64]]) -> Array:
 
 def _nanoseconds(texts: list[str], where: Callable[[int], str]) -> list[int]:
     first = _parts(texts[0]) or {}
-    found = []
+    nanoseconds = []
     for row, text in enumerate(texts):
         parts = _parts(text)
         if not text:
@@ -88,7 +88,7 @@ def _nanoseconds(texts: list[str], where: Callable[[int], str]) -> list[int]:
                 f"{where(row)}: '{text[:60]}' is no date and time as '{texts[0]}' is; correct it"
             )
         try:
-            found.append(_since(parts))
+            nanoseconds.append(_since(parts))
         except ValueError as error:
             raise UserError(
                 f"{where(row)}: '{text}' is no date and time, {error}; correct it"
@@ -98,7 +98,7 @@ def _nanoseconds(texts: list[str], where: Callable[[int], str]) -> list[int]:
                 f"{where(row)}: '{text}' is of another zone than the first time, '{texts[0]}':"
                 " write all times in one zone"
             )
-    return found
+    return nanoseconds
 
 
 def _parts(text: str) -> dict[str, str | None] | None:

@@ -103,6 +103,6 @@ def _lists(name: str, value: Any) -> Iterator[tuple[str, list[Any]]]:
             yield from _lists(f"{name}.{key}" if name else key, inner)
 
 
-def _are_records(found: list[Any]) -> bool:
-    kinds = {type(item) for item in found}
+def _are_records(items: list[Any]) -> bool:
+    kinds = {type(item) for item in items}
     return dict in kinds and kinds <= {dict, type(None)}

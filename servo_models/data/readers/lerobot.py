@@ -102,15 +102,15 @@ def episodes(path: Path) -> dict[int, tuple[Path, int]]:
             )
     else:
         files = [path] if path.suffix.lower() == ".parquet" and os.path.isfile(path) else []
-    found: dict[int, tuple[Path, int]] = {}
+    numbered: dict[int, tuple[Path, int]] = {}
     for file in files:
         for number, frames in _frames(file, whole).items():
-            if number in found:
+            if number in numbered:
                 raise UserError(
-                    f"'{file}' has episode {number}, and so has '{found[number][0]}': remove one"
+                    f"'{file}' has episode {number}, and so has '{numbered[number][0]}': remove one"
                 )
-            found[number] = (file, frames)
-    return dict(sorted(found.items()))
+            numbered[number] = (file, frames)
+    return dict(sorted(numbered.items()))
 
 
 def _frames(file: Path, sure: bool) -> dict[int, int]:

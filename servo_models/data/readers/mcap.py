@@ -37,16 +37,16 @@ def read(source: Source) -> Tables:
         summary = opened.get_summary()
         chunks = summary.chunk_indexes if summary else ()
         check_size(source.path, sum(chunk.uncompressed_size for chunk in chunks))
-        found = list(opened.iter_messages())
+        messages = list(opened.iter_messages())
     except UserError:
         raise
     except Exception as error:  # mcap raises many kinds
         raise source.damaged("MCAP") from error
     topics: dict[str, list[Any]] = {}
-    for item in found:
+    for item in messages:
         if item[1].message_encoding in ENCODINGS or item[1].topic == source.table:
             topics.setdefault(item[1].topic, []).append(item)
-    first = min((message.log_time for _, _, message in found), default=0)
+    first = min((message.log_time for _, _, message in messages), default=0)
     cells: dict[str, list[pl.Series]] = {}
     aliases: dict[str, str] = {}
     for name in source.wanted(topics):

@@ -44,9 +44,9 @@ def read(source: Source) -> Tables:
     for name in types:
         if name in short:
             items = _items(source, frame[name])
-            own = names.get(name, ())
-            if len(own) == len(items):
-                aliases |= {item.name: f"{name}.{it}" for item, it in zip(items, own)}
+            item_names = names.get(name, ())
+            if len(item_names) == len(items):
+                aliases |= {item.name: f"{name}.{it}" for item, it in zip(items, item_names)}
             columns += [item.alias(aliases.get(item.name, item.name)) for item in items]
         else:
             columns.append(frame[name] if name in flat else nested.alias(name))

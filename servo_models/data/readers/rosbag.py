@@ -73,8 +73,8 @@ def _tables(source: Source, bag: Any) -> Tables:
     cells: dict[str, list[pl.Series]] = {}
     aliases: dict[str, str] = {}
     for name in names:
-        own = {"log_time": times.get(name, [])}
-        cells[name], aliases = message_columns(source, own, records.get(name, []), first)
+        arrivals = {"log_time": times.get(name, [])}
+        cells[name], aliases = message_columns(source, arrivals, records.get(name, []), first)
     return Tables(cells, aliases=aliases if len(names) == 1 else {})
 
 
