@@ -44,12 +44,12 @@ def describe(
             a header with its unit; or a mapping with the keys of a signal in a TOML file, such
             as ``{"column": "u", "unit": "V", "sign": -1}``.
         each: further keys of single logs, by the log's name, as ``[[logs]]`` has them:
-            ``held_out``, ``constants``, ``window``, ``judged``, ``settle``, ``start``; not what its
-            columns are.
+            ``held_out``, ``constants``, ``window``, ``judged``, ``settle``, ``start``; but not its
+            columns.
         uncertainty: standard deviations by parameter, a share ``"10 %"`` or a size.
         bounds: least and largest value by parameter.
         free: parameters or effects that ``identify`` estimates.
-        method: of ``identify``, ``"simulation"`` or ``"transfer_function"``.
+        method: method of ``identify``, ``"simulation"`` or ``"transfer_function"``.
 
     Raises:
         UserError: an unknown signal, parameter or key; a column that is missing, not of numbers
@@ -113,7 +113,7 @@ def _check_mapping(what: str, given: object, of: str, example: str) -> None:
 
 
 def _signals(chosen: Model, columns: Mapping[str, Column]) -> dict[str, Any]:
-    """The same columns as the keys ``time``, ``inputs`` and ``outputs`` of a ``[[logs]]``."""
+    """The columns as the keys ``time``, ``inputs`` and ``outputs`` of a ``[[logs]]``."""
     plant = chosen.plant
     inputs, outputs = {wire.name for wire in plant.inputs}, set(plant.outputs)
     keys: dict[str, Any] = {"inputs": {}, "outputs": {}}
@@ -138,7 +138,7 @@ def _signals(chosen: Model, columns: Mapping[str, Column]) -> dict[str, Any]:
 
 
 def _header(given: Any) -> Any:
-    """A header as text: a whole number is one too, as of a DataFrame of a matrix, no position."""
+    """A header as text; a whole number, as in a DataFrame of a matrix, is a header, no position."""
     return str(given) if isinstance(given, int | np.integer) else given
 
 

@@ -44,7 +44,7 @@ class Audit:
 
     ``at_rest`` is the share of samples in which nothing moves.  ``commanded`` is False where
     neither this log nor those beside it have an input that changes, ``moves`` where no output of
-    theirs moves.  ``mistakes`` say what nobody's actuator does, one sentence each.
+    theirs moves.  ``mistakes`` say what no actuator does, one sentence each.
     """
 
     log: Log
@@ -81,7 +81,7 @@ def audits(logs: Sequence[Log], plant: Plant) -> tuple[Audit, ...]:
 def show_motion(logs: Sequence[Log], plant: Plant) -> bool:
     """Return whether an input changes, or an output moves: an arm that is let go needs no command.
 
-    It also counts that inputs differ from one log to another, or that a log begins in motion.
+    Inputs that differ between logs count as well, and a log that begins in motion.
     """
     return _commands_vary(logs, plant) or audits(logs, plant)[0].moves
 
@@ -232,8 +232,7 @@ class Command:
         changes: how often it changes.
         reversals: how often its direction of change turns.
         clock: shortest time between changes if the others are multiples of it, else None.
-        at_limit: share of the samples at a limit of the actuator's input; 0 for one that says yes
-            or no.
+        at_limit: share of the samples at a limit of the actuator's input; 0 for a flag.
         band: lowest and highest frequency [Hz] at which it would move an output above its
             noise floor, or None.
     """
@@ -300,9 +299,8 @@ def _clock(changes: Array, step: float) -> float | None:
 def _band(
     log: Log, values: Array, step: float, readings: Sequence[Reading]
 ) -> tuple[float, float] | None:
-    """Where the input's power density, brought to the scale of an output, is above its floor.
-
-    The floor is taken as white.
+    """Lowest and highest frequency [Hz] at which the input's power, scaled to an output, is above
+    the noise floor of that output, which is taken as white.
     """
     if not np.ptp(values):
         return None

@@ -37,7 +37,7 @@ MOST_SPARSE = 20.0  # duration in usual steps over the number of rows, at most
 PHASES = 64  # phases of a period that are tried
 NEIGHBOURS = 5  # neighbours on each side, from which a reading is predicted
 CUBIC = 4  # coefficients of a cubic
-MOST_FORETOLD = 20_000  # rows that are predicted, at most
+MOST_PREDICTED = 20_000  # rows that are predicted, at most
 WITHOUT_WILD = 0.9  # share of rows that tell the usual squared error: a glitch spoils ten of them
 WILD_SQUARE = 16.0  # squared error over the usual one at which it is cut
 SURELY_SMOOTHER = 2.0  # gain of the even clock over its standard error above which stamps came late
@@ -69,7 +69,7 @@ class Grid:
 
 
 def regular(times: Array) -> Array:
-    """Return times on the regular grid that they only miss by rounding; others as they are.
+    """Return times that miss a regular grid only by rounding on that grid; others as they are.
 
     Time stamps of a few digits would shift samples against the clocks of a model, and a
     digital loop that misses a tick now and then is another loop.  The step is the shortest
@@ -89,14 +89,14 @@ def regular(times: Array) -> Array:
 
 
 def dithered(stamps: Array, scale: float = 1.0) -> Grid | None:
-    """Return the even grid of which stamps are the rounded times, None where there is none.
+    """Return the even grid whose rounded times the stamps are, None where there is none.
 
     A row every 3.003 ms is stamped 0, 3, 6, 9, ... 1000, 1004 in ms, and one every 0.7 ms
     0, 1, 1, 2: steps that differ and times that repeat, though the clock is even.  All stamps
     have to lie within one quantum about one straight line over the rows; rows may be lost, where
     the stamps then jump.
-    Source: Rosenfeld, IEEE Trans. Computers C-23 (1974), digital straight lines; which of the
-    lines: least largest error.
+    Source: Rosenfeld, IEEE Trans. Computers C-23 (1974), digital straight lines; of the
+    lines that fit, the one with the least largest error.
 
     Args:
         stamps: not falling, shape (n,).
@@ -123,9 +123,9 @@ def dithered(stamps: Array, scale: float = 1.0) -> Grid | None:
 
 
 def _widths(steps: NDArray[np.int64]) -> list[float]:
-    """How far stamps may be about a grid in which rows are missing [quanta], narrow ones first.
+    """Ranges of stamps about a grid with missing rows to be tried [quanta], narrow ones first.
 
-    None where a longer step may be both, the rounding and a lost row.
+    There are none where a longer step may be either rounding or a lost row.
     """
     near = steps[steps <= 2 * np.median(steps) + 1]
     usual = int(np.argmax(np.bincount(near)))
@@ -137,7 +137,7 @@ def _widths(steps: NDArray[np.int64]) -> list[float]:
 
 
 def _without_gaps(counts: NDArray[np.int64], quantum: float) -> Grid | None:
-    """The grid of rows all of which are there, if the rounding turns often enough to be one."""
+    """The grid of rows of which none is missing, None where too few steps are odd to tell it."""
     steps = np.diff(counts)
     rows = np.arange(len(counts))
     if np.count_nonzero(steps != np.median(steps)) < TURNS or not _fits(counts, STRICT):
@@ -296,13 +296,13 @@ class Late:
 
 
 def stamped_late(times: Array, readings: Iterable[Array]) -> Late | None:
-    """Return the even clock on which rows were read, None where their stamps do as well.
+    """Return the even clock on which rows were read, None where their stamps fit as well.
 
     A host that stamps messages as they arrive shifts each by another delay.  Stamps that follow an
     even clock do not show which of the two is true: a host that wakes late reads late, too.  The
-    readings show it.  Each is foretold by a cubic through its neighbours, once over the stamps,
-    once over the clock; the wrong times leave errors where a reading moves.  The reading that tells
-    most decides.
+    readings show it.  Each is predicted by a cubic through its neighbours, once over the stamps,
+    once over the clock; the wrong times leave errors where a reading moves.  The most significant
+    reading decides.
 
     Args:
         times: of the rows by their stamps [s], rising, shape (n,), from 0.
@@ -323,7 +323,7 @@ def stamped_late(times: Array, readings: Iterable[Array]) -> Late | None:
 
 
 def _late(times: Array) -> Late | None:
-    """The even clock that stamps follow, rows between which ticks are missing among them."""
+    """The even clock that stamps follow; ticks may be missing between rows."""
     steps = np.diff(times)
     usual = float(np.median(steps))
     few = len(times) < LEAST_STRETCH or not usual or times[-1] > MOST_SPARSE * len(times) * usual
@@ -346,7 +346,7 @@ def _late(times: Array) -> Late | None:
 
 
 def _rate(times: Array, usual: float) -> tuple[float, float]:
-    """The rate [1/s] with which stamps agree best, and how well: 1 for all of them."""
+    """The rate [1/s] that fits the stamps best, and their coherence with it, at most 1."""
     counts = np.bincount((BINS_PER_STEP / usual * times).astype(np.int64))
     powers = np.abs(np.fft.rfft(counts, 4 * len(counts)))
     rates = np.arange(len(powers)) * BINS_PER_STEP / (4 * len(counts) * usual)
@@ -364,17 +364,17 @@ def _rate(times: Array, usual: float) -> tuple[float, float]:
 
 
 def _gains(values: Array, stamps: Array, ticks: Array) -> Array:
-    """What each reading is better foretold by over the ticks than over the stamps, squared."""
+    """Squared prediction error of each reading by the stamps less that by the ticks, up to 1."""
     every = np.arange(NEIGHBOURS, len(values) - NEIGHBOURS)
-    rows = every[:: max(1, len(every) // MOST_FORETOLD)]
-    before, after = (_unforetold(values, times, rows) ** 2 for times in (stamps, ticks))
+    rows = every[:: max(1, len(every) // MOST_PREDICTED)]
+    before, after = (_prediction_errors(values, times, rows) ** 2 for times in (stamps, ticks))
     usual = np.sort(np.minimum(before, after))[: max(1, int(WITHOUT_WILD * len(rows)))].mean()
     most = WILD_SQUARE * max(float(usual), 1e-24 * float(np.ptp(values)) ** 2, 1e-300)
     return np.asarray(np.minimum(before, most) - np.minimum(after, most)) / most
 
 
-def _unforetold(values: Array, times: Array, rows: NDArray[np.int64]) -> Array:
-    """Errors of the values foretold by a cubic through their neighbours; of white noise: even."""
+def _prediction_errors(values: Array, times: Array, rows: NDArray[np.int64]) -> Array:
+    """Errors of values predicted by a cubic through their neighbours, over that of white noise."""
     near = np.delete(np.arange(-NEIGHBOURS, NEIGHBOURS + 1), NEIGHBOURS)
     away = (times[rows[:, None] + near] - times[rows, None]) / NEIGHBOURS
     powers = away[..., None] ** np.arange(CUBIC)
@@ -383,7 +383,7 @@ def _unforetold(values: Array, times: Array, rows: NDArray[np.int64]) -> Array:
     return np.asarray(errors / np.sqrt(1.0 + np.sum(weights**2, axis=1)))
 
 
-# What it is on the whole, and where rows are missing
+# The clock of a whole log, and where rows are missing
 
 GAP = 1.5  # step over the usual one above which samples are lost
 STAMPS = 3  # different steps that time stamps need to show their digits, 0 among them
@@ -416,8 +416,8 @@ class Sampling:
         step: mean of the steps that are no gaps.
         jitter: their standard deviation.
         stamp: smallest common step of the time stamps, 0 for none.
-        gaps: steps longer than 1.5 usual ones; where stamps are rounded, also than a usual one of
-            the rows about and a stamp, so that a lost row of less than two stamps may not show.
+        gaps: steps longer than 1.5 usual ones; where stamps are rounded, also longer than the usual
+            step nearby plus a stamp, so that a lost row shorter than two stamps may not show.
         rounded: the stamps are so coarse that the steps differ by their rounding.
     """
 

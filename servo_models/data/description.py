@@ -135,7 +135,7 @@ def check_is_description(path: Path) -> None:
     """Refuse a log, or a folder, in place of a description.
 
     Raises:
-        UserError: it is one; the description that is there, or how to begin one.
+        UserError: it is one; the message names the description there, or how to begin one.
     """
     is_folder = os.path.isdir(path)  # False for a name that is too long
     if not is_folder and path.suffix.lower() == ".toml":
@@ -168,7 +168,7 @@ def described(
 ) -> Description:
     """Return what a document says beside its nominal model, which has these overrides [SI].
 
-    ``tables`` are in memory, by the name that the document has as their file.
+    ``tables`` are in memory, by the name that stands as their file in the document.
 
     Raises:
         UserError: see ``read_description``.
@@ -269,7 +269,7 @@ def _bounds(
 ) -> dict[str, tuple[float, float]]:
     """Least and largest value [SI] by name, each inside the bounds of the actuator.
 
-    The nominal value lies between them, unless it says that an effect is off and surely so.
+    The nominal value lies between them, unless it is 0 and certain, so that an effect is off.
     """
     known = chosen.plant.parameters
     section, bounds = named(given, "parameter", known), {}

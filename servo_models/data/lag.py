@@ -24,8 +24,8 @@ class Lag:
 
     Attributes:
         output, command: names of the signals.
-        time: by which the command, shifted, has the least squared error [s].
-        rows: the same in rows of the logs.
+        time: shift of the command that leaves the least squared error [s].
+        rows: that shift in rows of the logs.
         left: RMS of that error about its mean [SI of the output].
         follows: most of the reading's motion is that of the command.
     """
@@ -38,7 +38,7 @@ class Lag:
     follows: bool
 
     def sentence(self, wire: Wire) -> str:
-        """Return it in words; ``wire`` is the output."""
+        """Return the lag in words; ``wire`` is the output."""
         unit = wire.display or wire.unit
         left = f"{self.left * factor(wire.unit, unit):.3g} {unit} RMS"
         if not self.follows:
@@ -56,7 +56,7 @@ def lags(logs: Sequence[Log], plant: Plant) -> Iterator[Lag]:
     """Yield the lag of every output that has the unit of a command, over all logs that have both.
 
     Args:
-        logs: with commands that may hold between rows; of held-out samples too.
+        logs: their commands may hold between rows; held-out samples count as well.
         plant: says the units.
 
     Example:
@@ -81,7 +81,7 @@ def _lag(logs: Sequence[Log], command: str, output: str) -> Lag | None:
         return None
 
     def left(lag: float) -> float:
-        """RMS about the mean, of rows from where every lag has a command."""
+        """RMS of the error about its mean in rows for which every lag has a command."""
         errors = [
             (reading - np.interp(log.times - lag, log.times, log.inputs[command]))[
                 log.times >= min(LONGEST, 0.5 * log.duration)

@@ -37,7 +37,7 @@ class Channel:
 
     @property
     def told(self) -> tuple[float, str]:
-        """What a number of the column is worth by its unit: how many of which, as 0.1 deg."""
+        """What a number of the column is worth: how many of which unit, such as 0.1 deg."""
         parts = re.fullmatch(r"([-+]?[\d.]+(?:e[-+]?\d+)?) (.+)", self.unit)
         return (float(parts[1]), parts[2]) if parts else (1.0, self.unit)
 
@@ -51,7 +51,7 @@ class Start:
             and of states that are carried; empty where the shaft is where the inputs have brought
             it.
         before: inputs [SI] that were held before the log begins, in place of its first row.
-        fitted: what these name is estimated in every simulation, from there; else it is known.
+        fitted: these values are estimated in every simulation, beginning here; else they are known.
     """
 
     shaft: Mapping[str, float] = field(default_factory=dict)
@@ -81,8 +81,8 @@ class Log:
         notes: what reading has changed of the file, one sentence each.
         start: how the run begins; None for at rest, or settled where there is a ``settle`` time.
         assumed: nobody said how it begins, so that it may be found from its first samples.
-        unsure: changes [SI] of each output by what nobody knows of its inputs, commands between
-            lost rows and digits that were not written: each one standard deviation, shape (n,
+        unsure: changes [SI] of each output by one standard deviation of what nobody knows of the
+            inputs, commands between lost rows and digits that were not written, shape (n,
             changes); None where all is known.
     """
 

@@ -1,4 +1,4 @@
-"""Mistakes of logging: what no actuator does to a column, and people and their tools do.
+"""Mistakes of logging: what no actuator does to a column, but people and their tools do.
 
 Each of them makes a diagnosis find a cause that is not there, so each is named before one begins.
 Everything is read off the log alone.  A judgement takes what a sensor cannot do: noise that
@@ -86,7 +86,7 @@ def mistakes(log: Log, plant: Plant, steps: Mapping[str, float]) -> Iterator[Mis
 
     Args:
         log: with its outputs in SI.
-        plant: says what they are.
+        plant: says what the outputs are.
         steps: of readings [SI] by name of the output, 0 where there are none.
 
     Example:
@@ -219,7 +219,7 @@ def _answers(command: Array, steps: Array, where: NDArray[np.int64]) -> bool:
 def _held(log: Log, name: str, values: Array, step: float) -> Iterator[Mistake]:
     """A reading whose noise vanishes at an end of its range, or for good.
 
-    One in steps rests without noise anyway, as on a shaft that sticks.
+    A reading in steps rests without noise anyway, as on a shaft that sticks.
     """
     starts, stops = runs(np.abs(np.diff(values)) <= EQUAL * np.ptp(values))
     lengths = stops - starts
@@ -276,7 +276,7 @@ def _stands(log: Log, plant: Plant, name: str, values: Array) -> Iterator[Mistak
 
 
 def _straight(name: str, values: Array) -> Iterator[Mistake]:
-    """A reading that runs in straight lines: it was put between others."""
+    """A reading that runs in straight lines: most of its rows were interpolated."""
     bends = np.abs(np.diff(values, 2))
     moving = np.abs(values[2:] - values[:-2]) > 4.0 * STRAIGHT * np.ptp(values)
     if moving.sum() < LEAST_ROWS:
@@ -298,14 +298,14 @@ def _straight(name: str, values: Array) -> Iterator[Mistake]:
 
 
 def _correlations(values: Array) -> Array:
-    """With the same values later by 0, 1, 2 ... rows."""
+    """Autocorrelation at lags of 0, 1, 2 ... rows."""
     power = np.abs(np.fft.rfft(values, 2 * len(values))) ** 2
     correlations = np.fft.irfft(power)[: len(values) // 3]
     return np.asarray(correlations / max(correlations[0], np.finfo(float).tiny))
 
 
 def _averaged(name: str, values: Array) -> Iterator[Mistake]:
-    """A reading each of which is a mean of others: its noise comes back when they leave it."""
+    """A reading that is a moving average: noise comes back inverted when it leaves the window."""
     order = 3
     third = np.diff(values, order)
     size = CLIPPED_NOISE * median_deviation(third)
@@ -362,10 +362,10 @@ def _jumps(command: Array) -> NDArray[np.int64]:
 
 
 def _before_jumps(command: Array, values: Array) -> tuple[int, int]:
-    """In how many rows a reading moves before its command jumps, 0 for none, and in how many
+    """Rows by which a reading moves before its command jumps, 0 for none, and the number of these
     jumps."""
     steps, jumps = np.diff(command), _jumps(command)
-    # that of a sensor which filters shows in rows apart
+    # noise that a sensor filters shows only between rows that are further apart
     noise = max(difference_noise(values[::apart]) for apart in (1, AHEAD_ROWS[-1]))
     for rows in AHEAD_ROWS:
         alone = [

@@ -166,7 +166,7 @@ class ParameterSet:
 
     Attributes:
         actuator: name, or path of the file of one of your own, see ``catalogue.actuator``.
-        variant: it has the values of all that is not listed.
+        variant: variant whose values hold for all that is not listed.
         estimates: one for each parameter listed.
         correlations: of pairs of them.
         method: how the values were found, in words.
@@ -206,7 +206,7 @@ class ParameterSet:
         return replace(chosen, provenance=self.provenance(changes))
 
     def document(self) -> dict[str, Any]:
-        """Return it as what JSON is made of, figures in SI."""
+        """Return the set as what JSON is made of, figures in SI."""
         known = find_actuator(self.actuator).plant_of(self.variant).parameters
         document = ParametersDocument.made_from(
             self,
@@ -233,7 +233,7 @@ class ParameterSet:
 def with_given(
     nominal: Mapping[str, float], values: Mapping[str, float], estimated: Mapping[str, Estimate]
 ) -> tuple[Estimate, ...]:
-    """Return estimates in the order of ``values``, with what was given unlike the variant.
+    """Return estimates in the order of ``values``, and the given values that the variant has not.
 
     ``nominal`` are the variant's values [SI] by name, ``values`` those of the fitted model.
     """
@@ -245,7 +245,7 @@ def with_given(
 
 
 def pairs(names: Sequence[str], correlations: Array) -> tuple[tuple[str, str, float], ...]:
-    """Return the correlations of each two parameters, of those that have one; (p, p)."""
+    """Return the correlation of each two parameters that have one, of a matrix (p, p)."""
     rounded = correlations.round(CORRELATION_DIGITS).tolist()
     return tuple(
         (first, second, rounded[i][j])
@@ -424,7 +424,7 @@ class Parametrised:
         return parameter_set_of(self, date)
 
     def map_parameter_set(self, date: datetime.date | None = None) -> ParameterSet:
-        """Return the same with the residual map.
+        """Return that parameter set with the residual map.
 
         Raises:
             UserError: there is no map.

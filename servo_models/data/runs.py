@@ -32,7 +32,7 @@ def runs(entry: Section, tables: Container[str] = ()) -> Iterator[Section]:
 
     Args:
         entry: a ``[[logs]]``.
-        tables: in memory; who is called like one is no pattern.
+        tables: names of tables in memory, which are no patterns.
 
     Raises:
         UserError: ``repeat`` is no list of tables or is empty, no file matches a pattern, or there
@@ -125,7 +125,7 @@ def _is_pattern(file: Any) -> bool:
 
 
 def _files(run: Section, pattern: str) -> Iterator[Section]:
-    """The same for each file that a pattern finds."""
+    """The run for each file that a pattern finds."""
     folder = run.file.parent
     paths = matching(folder, pattern)
     if not paths:
@@ -147,7 +147,7 @@ def _names(files: Sequence[Path]) -> list[str]:
 
 
 def _episodes(run: Section) -> Iterator[Section]:
-    """The same for each episode of a data set that is wanted; a run of another file as it is."""
+    """The run for each episode of a data set that is wanted; a run of another file as it is."""
     path = run.file.parent / str(run.content["file"])
     if "table" in run and is_data_set(path):
         run.fail("table", f"'{path}' is a data set; choose by '{EPISODE}'")

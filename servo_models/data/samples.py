@@ -110,9 +110,9 @@ def sample(chosen: ParameterSet, count: int, seed: int = 0) -> Samples:
     """Draw parameter sets from the estimates with their correlations, within bounds.
 
     Args:
-        chosen: with standard errors, as ``identify`` and ``diagnose`` write them.
-        count: of sets.
-        seed: of the draws.
+        chosen: parameters with standard errors, as ``identify`` and ``diagnose`` write them.
+        count: number of sets.
+        seed: seed of the draws.
 
     Raises:
         UserError: no standard error, or bounds that hold next to none of the draws.

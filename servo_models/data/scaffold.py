@@ -42,8 +42,8 @@ class Draft:
     Attributes:
         path: the log.
         actuator: what is thought to have made it, ``given`` if that was told.
-        variant: of the actuator, the default one unless the file names another, or the command is
-            that of one.
+        variant: variant of the actuator, the default one unless the file names another or has the
+            command of another.
         time: its column and unit, None if no column rises.
         matches: columns and their signals, all in the table of the time or an input's.
         unused: columns left over, of all tables.
@@ -113,8 +113,8 @@ def draft(path: Path, actuator: str | None = None) -> Draft:
     Args:
         path: the file, of any format that can be read.
         actuator: name of what made it; None chooses the one whose command and motion the columns
-            tell most clearly, of these one that is general only where no other is, and then the
-            one that they fit best.
+            tell most clearly; of several, a general one only where no other fits, and then the one
+            that they fit best.
 
     Raises:
         UserError: a file that cannot be read or has no numbers, an unknown actuator, or
@@ -495,7 +495,7 @@ def _chosen(
 
 
 def _with_command(chosen: list[Match], commands: Sequence[Match], plant: Plant) -> list[Match]:
-    """The same with a command, where a column has a word of it and another one tells a motion.
+    """The matches with a command, where a column has a word of it and another tells a motion.
 
     A current is an output of many an actuator, and the command of a motor on a current.
     """
@@ -593,7 +593,7 @@ def _calm(column: Column) -> tuple[float, float]:
 
 
 def _is_unlike_rate(match: Match, command: Column, plant: Plant) -> bool:
-    """Whether a nameless column, set beside the command, is a rate and the signal is none.
+    """Whether a nameless column follows the command as a rate and the signal is none, or reversed.
 
     A rate follows the command only once it is added up.
     """
@@ -648,7 +648,7 @@ class Column:
     Attributes:
         key: name, or number from 1 where the file names none.
         table: topic, None where the file has but one table.
-        words: of its name, in lower case, without the unit.
+        words: words of its name, in lower case, without the unit.
         unit: as the name tells it, None where it does not.
         values: shape (n,).
         dates: they were dates and times, which are no signal.
@@ -684,7 +684,7 @@ class Column:
 
     @cached_property
     def counts(self) -> bool:
-        """Whether it is one more in each row, or called as a count of episodes or tasks is."""
+        """Whether it rises by one in each row, or is called like a count of episodes or tasks."""
         one_more = len(self.values) > 1 and bool(np.all(np.diff(self.values) == 1.0))
         return one_more or self.key in INDICES
 

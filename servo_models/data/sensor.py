@@ -28,7 +28,7 @@ def usual_range(values: Array) -> tuple[float, float]:
 
 
 def usual_width(values: Array) -> float:
-    """Return the width of that range."""
+    """Return the width of ``usual_range``."""
     low, high = usual_range(values)
     return high - low
 
@@ -163,8 +163,8 @@ def _resampled(often: _Record, values: Array, fine: float, step: float) -> bool:
 
 
 def _shared(records: Sequence[_Record], least: int) -> list[float]:
-    """The step of each record, 0 for none: of those on which it lies, the one that most lie on,
-    and of these the largest."""
+    """The step of each record, 0 for none: of the steps on which it lies, that of most records, and
+    of several such the largest."""
     telling = [one for one in records if len(one.codes) > 1]
     sets = [telling] if len(telling) > 1 else []
     sizes = {_lattice(chosen, least) for chosen in [*sets, *([one] for one in telling)]} - {0.0}
@@ -223,7 +223,7 @@ def _is_no_chance(records: Sequence[_Record], step: float, least: int) -> bool:
         return False
     if bends < EVEN * travel:
         return False
-    # of the values one is spent on the step; as many steps as codes could have been tried
+    # one value is spent on the step; as many steps as codes could have been tried
     return -(values - 1) * math.log(2.0 * worst + ROUNDED) > math.log(reach) + UNLIKELY
 
 
@@ -240,7 +240,7 @@ SPAN = 4  # samples over which a speed is taken: rounding adds a tenth of a step
 QUANTUM = "reading step"
 REPEATS = "repeated commands"
 RESIDUAL = "fast residual"
-FLAG = 1.0 / math.sqrt(12.0)  # noise floor of a reading that says yes or no: its step is 1
+FLAG = 1.0 / math.sqrt(12.0)  # noise floor of a flag: its step is 1
 
 
 class Floor(Document, frozen=True):
@@ -298,8 +298,8 @@ def difference_noise(values: Array) -> float:
 
 
 def noise_floor(values: Array, step: float, command: Array) -> Floor:
-    """Return the noise floor of readings in a step, 0 for none, of what has moved by a command of
-    shape (n, inputs)."""
+    """Return the noise floor of readings with a step, 0 for none, that answer a command of shape
+    (n, inputs)."""
     repeats = spread_of_repeats(values, command)
     return Floor(step / math.sqrt(12.0), repeats, noise_under_steps(values, step))
 
@@ -307,14 +307,15 @@ def noise_floor(values: Array, step: float, command: Array) -> Floor:
 def noise_under_steps(values: Array, step: float) -> float:
     """Return the standard deviation of the white noise that a sensor of this step rounded.
 
-    Quantised readings hide noise below half a step: differences show what of noise and rounding
-    changes from sample to sample.  In a slow motion the mean of rounding at a place does not,
+    Quantised readings hide noise below half a step: differences show only the noise and rounding
+    that change from sample to sample.  In a slow motion the mean rounding error at a place does not
+    change.  Its variance is
 
         V = sum over k of exp(-4 pi^2 k^2 sigma^2) / (2 pi^2 k^2)  [steps^2],
 
-    by the share that the motion leaves in phase; so what differences show is
-    sigma^2 + 1/12 - V, solved for sigma.  Uniform noise of one step, added beforehand and taken
-    off again, makes the median of the differences one of a continuous distribution.
+    each term times the share that the motion leaves in phase.  So differences show
+    sigma^2 + 1/12 - V, which is solved for sigma.  Uniform noise of one step, added beforehand and
+    taken off again, makes the median of the differences one of a continuous distribution.
     Source: Widrow, Kollar, Quantization Noise (2008), ch. 4 and 19 (dither).
     """
     if not step:
@@ -366,8 +367,8 @@ def spread_of_repeats(values: Array, command: Array) -> float | None:
     """Return the standard deviation of the responses to identical commands, None without any.
 
     A repetition lasts from a move after rest of the command, shape (n, inputs), to the next
-    such move, and begins with a reading at rest, as do all that it is compared with: from the same
-    command, that came after the same stretch before.  Play and friction remember that stretch.
+    such move, and begins with a reading at rest.  It is compared with those that have the same
+    command, in it and in the stretch before: play and friction remember that stretch.
     Source: Draper, Smith, Applied Regression Analysis, 3rd ed., sec. 2.1 (pure error).
     """
     still = STILL * float(np.ptp(values))
@@ -489,7 +490,7 @@ def stale_share(values: Array, floor: float) -> float:
 
     A sample counts as moving where its neighbours differ by more than 8 noise floors, and by more
     than a small jump in each row: a coarse sensor repeats readings as well, but not in fast motion.
-    Of few such samples chance repeats some.
+    The share is 0 where such samples are few, as chance repeats some.
     """
     if len(values) < 4:
         return 0.0
@@ -506,8 +507,9 @@ def clipped_share(values: Array, command: Array, floor: float) -> float:
 
     It stays there for three samples or more, came with a speed of over 12 noise floors a
     sample that would have carried it past, and its command, shape (n, inputs), takes more than one
-    value there; so a shaft that settles is not taken for one that is held.  One that sticks is
-    neither: it rests where its command turns, or at as many other levels while the command moves.
+    value there; so a shaft that settles is not taken for one that is held.  A shaft that
+    sticks is neither: it rests where its command turns, or at as many other levels while the
+    command moves.
     """
     stops = _sudden_stops(values, floor)
     ends = (values.max(), values.min())
@@ -543,8 +545,8 @@ def _alike(value: float, other: float) -> bool:
 
 
 def _turns(command: Array, start: int, stop: int) -> bool:
-    """Whether every input that changes in a stretch goes back from where it begins: by no more than
-    it had changed in the samples before does it go on."""
+    """Whether every input that changes in a stretch turns back where that begins: it goes on by no
+    more than it had changed in the samples before."""
     before = command[start] - command[max(start - LATE_SAMPLES, 0)]
     on = np.max((command[start:stop] - command[start]) * np.sign(before), axis=0)
     changing = np.ptp(command[start:stop], axis=0) > 0.0

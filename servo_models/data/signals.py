@@ -176,7 +176,7 @@ def read_log(
         section: the description of the log.
         chosen: the model of the actuator that made it.
         read: ``readers.read_columns``, which may remember what it has read.
-        clocks: ``read_clock``, which may as well.
+        clocks: ``read_clock``, which may remember as well.
         tables: in memory, by the name that stands as their file.
 
     Raises:
@@ -504,7 +504,7 @@ def _unit_inside(mapped: Mapped, values: Array, wire: Wire) -> str:
 
 
 def _output(mapped: Mapped, clock: Clock, times: Array, wire: Wire) -> Array:
-    """An output in SI at the times of the log, if those of its rows are shifted."""
+    """An output in SI at the times of the log, after its shift."""
     values = _read(mapped, clock, times)
     check_size(mapped, clock.columns, clock.rows, values, wire)
     moved = _moved(mapped.shift, times, values, wire.flag)
@@ -518,7 +518,7 @@ def _output(mapped: Mapped, clock: Clock, times: Array, wire: Wire) -> Array:
 
 
 def _read(mapped: Mapped, clock: Clock, times: Array) -> Array:
-    """An output in SI in the rows of the log; over rows that are missing it is a line."""
+    """An output in SI in the rows of the log, interpolated over rows that are no reading."""
     values, lost = in_si(mapped, clock.numbers(mapped.column)), _unread(mapped, clock)
     if lost.all():
         place = clock.columns.where(mapped.column)
@@ -673,8 +673,8 @@ def read_clock(
 def _check_period(place: str, since: Array, ticks: Array, period: float) -> None:
     """Refuse stamps ``since`` the first [s] that are not the rounded times of an even clock.
 
-    The rounding of its ``ticks`` [s] leaves them less than a quantum about these.  A period of one
-    quantum leaves none, and a lost row is a quantum.
+    Rounding leaves stamps less than a quantum about its ``ticks`` [s].  Where the period is a
+    quantum, rounding shifts no stamp, and a lost row shifts the next ones by a quantum.
     """
     steps = np.diff(since)
     quantum = float(np.min(steps[steps > SAME_TIME], initial=np.inf))
@@ -707,7 +707,7 @@ def _on_grid(clock: Clock) -> Clock:
 def _clock_of(
     section: Section, given: str | int | Time, columns: Columns, read: Clocks, main: bool
 ) -> Clock:
-    """The times of a table as the description of a log says; a period is that of its ``main``."""
+    """The times of a table as a log's description says; a period is that of the ``main`` one."""
     time = given if isinstance(given, Time) else Time(column=given)
     try:
         factor(time.unit, "s")

@@ -281,7 +281,7 @@ class Columns:
 
 
 def _are_two_runs(first: Array, second: Array) -> bool:
-    """Whether sorting by time [s] would mix the rows, or put the other ones long before."""
+    """Whether sorting by time [s] would mix the rows, or put the second ones long before."""
     if min(len(first), len(second)) < LEAST_RUN:
         return False
     order = np.argsort(np.concatenate([first, second]), kind="stable")
