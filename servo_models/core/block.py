@@ -202,7 +202,7 @@ class Ambiguity:
 
     Attributes:
         experiment: in words, what to do and to log.
-        group: names of effects, one of them that which declares it; each looks like every other.
+        group: names of effects, the one that declares it among them; each looks like any other.
         against: where given, each of ``group`` looks like each of these instead.
     """
 
@@ -225,7 +225,7 @@ class Harmonic:
     Attributes:
         share: amplitude over that of the first sine.
         count: how many periods it has in a turn.
-        phase: turns it.
+        phase: parameter that shifts it.
     """
 
     share: str
@@ -242,26 +242,25 @@ class Hints:
     """What is known of an effect beside its equation; most effects need none.
 
     Attributes:
-        trial_values: of each switch, over its typical value; by default a few about it.
-        grid: for an effect whose switch is a discontinuous parameter.
+        trial_values: trial values of each switch over its typical value; by default a few about it.
+        grid: trial values of an effect whose switch is a discontinuous parameter.
         inverse: the effect is the stronger the smaller its switch.
         jump: parameter that says which part of a jump the effect has: 0 none, 1 all.
-        phase: parameter that turns a sine, of which the switch is the amplitude.
+        phase: parameter that shifts a sine whose amplitude is the switch.
         count: parameter that says how many periods this sine has in a turn.
-        angle: argument that turns, of such a sine.
+        angle: argument of that sine.
         harmonics: its further sines, sought one by one once the first is found.
         inertia: parameter that is in resonance with the switch, a compliance.
-        assumed: parameters that are never searched for: they say how it is counted, not its form.
+        assumed: parameters that are never searched for: they say in what it is counted.
         signature: its evidence apart from any error, by its switch: a quantised reading bunches at
             ``"codes"`` a step apart, a sampled command is answered on the ticks of a ``"clock"``.
-        small_signal: of an effect with a memory, as what it stays in the small-signal model; an
-            effect without one stays where it has a derivative.
-        ambiguity: what it is confused with, if its own file says it and not that of another.
+        small_signal: what an effect with a memory becomes in the small-signal model; an effect
+            without one stays there where it has a derivative.
+        ambiguity: what it is confused with, unless the file of another effect says it.
         parameter_units: units of plant parameters whose error looks like it.
-        of_changes: on an input that has one value in all logs it is as good as an offset, and is
-            not searched for.
-        family: what it is in a word that effects share which exchange for each other, such as
-            "friction".
+        of_changes: it shows only where an input changes: with one value in all logs it is as good
+            as an offset, and is not searched for.
+        family: word that it shares with effects that can replace each other, such as "friction".
         learnt: it has whatever form a log shows, so it is never searched for as a cause.
         says: what it does with its size, in a clause: its parameters in braces, and ``{wire}``.
     """
@@ -315,10 +314,9 @@ class Block:
         acts_on: for an effect the arguments whose wires it rewrites, else empty.
         gives: for a plant block the wires that it defines.
         source: paper, equation or book behind it.
-        parts: of an effect that acts at several places of a chain, its other functions.
+        parts: other functions of an effect that acts at several places of a chain.
         hints: what else is known of an effect.
-        keys: of parameters and memories that are not called as the function's argument: that
-            argument, by name.
+        keys: argument of the function by the name of its parameter or memory, where they differ.
     """
 
     function: Function
@@ -339,7 +337,7 @@ class Block:
         return self.function(*args, **{self.keys.get(key, key): it for key, it in kwargs.items()})
 
     def keyed(self, keys: Mapping[str, str]) -> Block:
-        """Return the same block with other names of parameters and memories, by its arguments.
+        """Return the block with other names of parameters and memories, by its arguments.
 
         So one equation stands at several places of one effect, each time with values of its own.
 
@@ -446,10 +444,10 @@ def effect(
     """Make an effect that rewrites the wires given for the arguments ``acts_on``.
 
     Args:
-        acts_on: the first one is its main wire; default ``"signal"``.
+        acts_on: arguments whose wires it rewrites, the main one first; default ``"signal"``.
         source: paper, equation or book behind it.
-        name: by which others know it; default that of the function.
-        parts: of an effect that acts at several places of a chain, its other functions.
+        name: name of the effect; default that of the function.
+        parts: other functions of an effect that acts at several places of a chain.
         hints: what else is known of it.
 
     Raises:

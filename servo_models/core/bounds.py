@@ -60,7 +60,7 @@ def outside(kind: str, name: str, value: float, bounds: Bounded) -> str:
 def displayed(bounds: Bounded) -> tuple[float, float]:
     """Return both bounds in the unit that a person reads, NaN for none.
 
-    One that has more than three digits there, as 0.2 rad in degrees, becomes the nearest number
+    A bound with more than three digits there, as 0.2 rad in degrees, becomes the nearest number
     of two digits inside: what is shown is allowed.
     """
     scale = factor(bounds.unit, bounds.display) if bounds.display else 1.0

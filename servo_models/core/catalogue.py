@@ -63,8 +63,8 @@ def effects_on(
     placed by ``plant.place``.
 
     Args:
-        wire: that the effects rewrite, or the wires where they rewrite several at once.
-        names: of the effects at this place; their parameters are ``name.key``.
+        wire: wire that the effects rewrite, or the wires where they rewrite several at once.
+        names: names of the effects at this place; their parameters are ``name.key``.
         changes: fields of a parameter in place of the effect's own, by its
             key; a unit ``"signal"`` makes them fractions of the wire's full scale.
 
@@ -109,7 +109,7 @@ def actuator(name: str, named_in: Path | None = None, trust: bool = False) -> Ac
     """Return an actuator by name, or the one that a Python file of your own defines.
 
     Args:
-        name: of the actuator, or the path of a file that ends in ``.py``, which is run.
+        name: name of the actuator, or the path of a file that ends in ``.py``, which is run.
         named_in: file that names it, None for a person; a path begins in that file's folder.
         trust: run the Python file even if it does not lie beside ``named_in``.
 

@@ -138,9 +138,9 @@ def host() -> Compiler | None:
 
 
 def for_this_processor(compiler: Compiler) -> tuple[tuple[str, ...], str]:
-    """Return the flags for the processor of this machine, none where the compiler has none.
+    """Return the flags for the processor of this machine, and what the compiler takes it for.
 
-    And what the compiler takes it for: a library for another processor may not run.
+    There are none where the compiler has none.  A library for another processor may not run.
     """
     flags = ("-march=native",)
     macros = _said([*compiler.command, *flags, "-dM", "-E", "-x", "c", os.devnull])
@@ -184,7 +184,7 @@ def compile_library(
 
     Args:
         sources: files by name, all in one folder.
-        main: the one that includes the others.
+        main: the source that includes the others.
         includes: folders of further headers.
 
     Raises:
@@ -212,7 +212,7 @@ def cached_library(
     """Return the file of a library in the cache; its sources are written only to build it.
 
     Args:
-        made_of: what tells the sources.
+        made_of: what identifies the sources.
 
     Raises:
         UserError: the compiler refuses the sources.

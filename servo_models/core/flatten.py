@@ -85,7 +85,7 @@ class Link:
 
     @property
     def prefix(self) -> str:
-        """Whose its memories and local variables are."""
+        """Name of the owner of its memories and local variables."""
         return self.owner or self.block.name
 
     def param(self, name: str) -> str:

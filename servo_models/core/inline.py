@@ -38,7 +38,7 @@ def inline(block: Block, names: Mapping[str, str], targets: Sequence[str], owner
         names: text name of every argument.  A queue ``q`` maps to the index of its first
             element in the state vector, written ``_x[index + i]``.
         targets: text names that receive the returned values, in order.
-        owner: whose the local variables are.
+        owner: block or effect that the local variables belong to.
 
     Raises:
         ValueError: the block uses something outside the subset; names block and line.
@@ -64,8 +64,8 @@ def _template(
     """Return the variables that a block stores, and its lines with names and targets in braces.
 
     Args:
-        function: of the block.
-        block: its name, for errors.
+        function: function of the block.
+        block: name of the block, for errors.
         returned: what it returns, for errors.
     """
     definition = ast.parse(textwrap.dedent(inspect.getsource(function))).body[0]

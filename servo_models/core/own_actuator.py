@@ -80,7 +80,7 @@ def is_file(name: str) -> bool:
 
 
 def simulation(name: str) -> tuple[Path, str] | None:
-    """Return the file, and what of it, where a name is that of a simulation that is not ours.
+    """Return the file of a simulation that is not ours and what part of it a name means, else None.
 
     Example:
         >>> simulation("arm/robot.xml#elbow")

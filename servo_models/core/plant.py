@@ -37,7 +37,7 @@ class Wire:
         low, high: bounds, for an input.
         display: unit a person wants to read it in.
         flag: it is 0 or 1, a Boolean to the outside.
-        words: each of which in the heading of a column says that it is this signal.
+        words: words each of which in the heading of a column says that it is this signal.
 
     Raises:
         ValueError: a name that no wire can have.
@@ -62,9 +62,9 @@ class Wire:
 class State:
     """A continuous state, integrated from the wire ``rate``.
 
-    ``start`` is a number or a wire that depends on parameters only.  One that is ``carried`` holds
-    what went before: a log that begins in motion begins with some value of it, which is fitted
-    with the motion.
+    ``start`` is a number or a wire that depends on parameters only.  A state that is ``carried``
+    depends on what went before: where a log begins in motion its first value is fitted with that
+    motion.
     """
 
     wire: Wire
@@ -133,13 +133,13 @@ def place(
     Blocks before it in the chain read its wires as they were, those after it as it leaves them.
 
     Args:
-        name: of the effect at this place; its parameters are ``name.key``.  Effects placed under
-            one name share the parameters of one key.
-        effect: from ``servo_models.effects`` or made by ``block.effect``.
+        name: name of the effect at this place; its parameters are ``name.key``.  Effects placed
+            under one name share the parameters of one key.
+        effect: an effect of ``servo_models.effects``, or made by ``block.effect``.
         on: the wires that it rewrites, as many and in the order of its ``acts_on``.  The plant
             declares them: a unit ``"signal"`` becomes theirs.
-        params: in place of the effect's own, by key: whole ``Param``, or the fields that are
-            others; with the unit ``"signal"`` its bounds and typical value are fractions of the
+        params: what replaces the effect's own, by key: a whole ``Param``, or the fields that
+            differ; with the unit ``"signal"`` its bounds and typical value are fractions of the
             wire's full scale, else SI.
         reads: wires for its other arguments; one that is not named reads the wire, or the
             parameter of the plant, that is called like it.
@@ -275,7 +275,7 @@ class Plant:
         """All parameters by name, plant first, in chain order.
 
         Raises:
-            ValueError: two blocks declare one unlike each other.
+            ValueError: two blocks declare a parameter differently.
         """
         declared = {
             name: Parameter(name, param, owner="") for name, param in self.constants.items()
@@ -409,7 +409,7 @@ class GreyBox:
 
     Attributes:
         source, output: wires that the function connects.
-        coefficients: their names in ``solve``: the gain, then those of the denominator from the
+        coefficients: names of coefficients in ``solve``: the gain, then the denominator's from the
             second highest power down.
         known: parameters that the coefficients cannot tell.
         solve: called with the coefficients, then the known ones [SI], in these orders; returns the

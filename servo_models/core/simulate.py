@@ -53,7 +53,7 @@ class Result(Reported):
         times: communication points [s], shape (n,).
         inputs, outputs: SI values by name, each of shape (n,); an input is held from its
             row on, an output is the value at its row.
-        warnings: in words, what of it is not to be relied on: see ``doubts``.
+        warnings: what is not to be relied on, in words: see ``doubts``.
     """
 
     told_in: ClassVar = "servo_models.analysis"  # which knows units, figures and pictures
@@ -122,7 +122,7 @@ class Shaft:
     def place(self, state: Array, motion: Mapping[str, float]) -> None:
         """Put the shaft of a state to an angle and a rate [SI], by the names of the outputs.
 
-        States that are carried are put to theirs, by their own names.
+        States that are carried are put to values of their own names.
         """
         if self.angle in motion:
             state[list(self.angles)] = motion[self.angle]
@@ -285,7 +285,7 @@ class Model:
         return out, row
 
     def _responsible(self, begin: Array, times: Array, inputs: Array) -> str:
-        """Clause about the parameters without each of which a run that fails would succeed."""
+        """Clause about each changed parameter without which a run that fails would succeed."""
         nominal = self.actuator.values(self.variant)
         changed = [name for name, value in self.values.items() if value != nominal[name]]
         blamed = []
@@ -357,7 +357,7 @@ def simulate(
     """Simulate from rest.
 
     Args:
-        chosen: from ``model``.
+        chosen: the model, from ``model``.
         times: communication points [s], increasing, shape (n,); equal neighbours are a
             clean step of the inputs.
         inputs: SI values by name, scalars or shape (n,); an input not named stays at rest.

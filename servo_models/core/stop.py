@@ -26,9 +26,9 @@ class Stop:
     Ctrl-C itself, it means what it meant before.
 
     Attributes:
-        seconds: from now on.
+        seconds: time from now on [s] after which the search ends.
         quick: the first answer is enough.
-        why: the search has to end, in words, "" while it may go on.
+        why: reason for the end of the search, in words, "" while it may go on.
 
     Example:
         >>> stop = Stop(0.0)
