@@ -249,7 +249,7 @@ class Command:
 
 
 def _reading(log: Log, wire: Wire, step: Step) -> Reading:
-    """Return how an output was read, in these steps."""
+    """Return how an output was read, with this reading step."""
     values = log.outputs[wire.name][log.counted]
     command = np.column_stack([np.zeros(len(log.times)), *log.inputs.values()])[log.counted]
     floor = Floor(FLAG, None, 0.0) if wire.flag else noise_floor(values, step.size, command)
@@ -266,7 +266,7 @@ def _reading(log: Log, wire: Wire, step: Step) -> Reading:
 
 
 def _command(log: Log, wire: Wire, step: float, readings: Sequence[Reading]) -> Command:
-    """Return how an input was commanded, sampled every ``step`` [s] on the whole."""
+    """Return how an input was commanded, sampled every ``step`` [s] on average."""
     values = log.inputs[wire.name]
     change = np.diff(values)
     moves = np.sign(change[change != 0.0])

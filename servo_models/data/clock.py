@@ -1,5 +1,5 @@
-"""Times of a log: stamps that a clock rounded, or that came late, back on the grid it ticked on;
-jitter and lost rows of those that are left."""
+"""Times of a log: stamps that were rounded or came late go back on the grid of their clock; jitter
+and lost rows of the others."""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ def runs(entry: Section, tables: Container[str] = ()) -> Iterator[Section]:
 
 
 def _numbered(sections: Sequence[Section], given: Sequence[Any]) -> Iterator[Section]:
-    """The runs, with a number behind a name that several of them have, and that is not taken.
+    """The runs, with a free number behind a name that several of them have.
 
     A name that is ``given`` stays.
     """

@@ -172,7 +172,7 @@ def _only_wobbles(match: Match) -> bool:
 
 
 def _is_of_commands(unit: str) -> bool:
-    """Whether no actuator has an output in such a unit, as none has in that of a pulse."""
+    """Whether no actuator has an output in such a unit, as in that of a pulse width."""
     plants = [other.plant for other in actuators().values()]
     outputs = (plant.wire[name].unit for plant in plants for name in plant.outputs)
     return not any(_dimension(unit) == _dimension(output) for output in outputs)
@@ -538,7 +538,7 @@ def _match(wire: Wire, column: Column, plant: Plant, main: bool, command: bool) 
 
 
 def _is_fed(column: Column, plant: Plant) -> bool:
-    """Whether a column is called a supply, as input volts are of what no voltage commands."""
+    """Whether a column is called a supply, or input volts where no voltage is a command."""
     words = set(column.words)
     in_volts = column.unit is not None and _dimension(column.unit) == _dimension("V")
     commanded = any(wire.unit == "V" and wire.name not in SUPPLY for wire in plant.inputs)

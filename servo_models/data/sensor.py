@@ -132,8 +132,8 @@ def _codes(values: Array) -> tuple[Array, Array]:
 def _repeated(values: Array) -> _Record | None:
     """The readings that occur more than once, None for hardly any.
 
-    A sensor without steps hardly gives one twice, and of a file that was resampled they are what
-    the sensor gave.
+    A sensor without steps hardly gives a reading twice; in a file that was resampled these are
+    what the sensor gave.
     """
     codes, counts = _codes(values)
     if counts[counts > 1].sum() < RESAMPLED * len(values):
@@ -529,7 +529,7 @@ def clipped_share(values: Array, command: Array, floor: float) -> float:
 
 
 def _sudden_stops(values: Array, floor: float) -> list[tuple[int, int]]:
-    """Stretches (start, stop) of three or more equal readings that the speed before passes by."""
+    """Stretches (start, stop) of three or more equal readings, too sudden for the speed before."""
     same = np.abs(np.diff(values)) <= ROUNDED * np.abs(values[1:])
     stops = []
     for start, last in zip(*runs(same)):

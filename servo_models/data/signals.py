@@ -254,7 +254,7 @@ def _clocks(
     table: Callable[[str | None], Columns],
     clocks: Clocks,
 ) -> tuple[Clock, dict[str | None, Clock], list[str]]:
-    """The rows of a log, those of other tables that it has signals from, and notes on the log's."""
+    """The rows of a log, those of other tables with its signals, and notes on the first."""
     main = _time_table(entry)
     used: dict[str | None, list[str | int]] = {main: []}
     for signal in mapped:
@@ -800,8 +800,8 @@ def _between(
 def _check_duration(clock: Clock, internal_step: float) -> None:
     """Refuse times that no run of the actuator has, before anything is simulated.
 
-    The steps of the times are shorter than those of any clock; one is longer than a thousand
-    logs; or they hold so many internal steps [s] of the model that a simulation would hardly end.
+    Their steps are shorter than those of any clock, one step is longer than a thousand logs, or
+    they hold so many internal steps [s] of the model that a simulation would hardly end.
     """
     since = clock.since
     steps = np.diff(since)

@@ -1,8 +1,8 @@
 """Tables of signals: units at the border, every fault with its row.
 
 One column ``time`` and one per signal.  A header is a name, ``voltage``, with values in SI,
-or a name and a unit, ``pulse_width [us]``.  Read is whatever ``logs`` reads; written are CSV,
-with decimal points and commas between columns whatever the country of the machine, and Parquet.
+or a name and a unit, ``pulse_width [us]``.  Files of every format of ``logs`` are read.
+Parquet is written, and CSV with decimal points and commas between columns in every country.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ def read_signals(path: str | Path, wires: Sequence[Wire]) -> tuple[Array, dict[s
 def _read(
     path: Path, wires: Sequence[Wire], bounded: Collection[str]
 ) -> tuple[Array, dict[str, Array]]:
-    """The same; signals that are ``bounded`` have to be inside the bounds of their wires."""
+    """Times and signals; those that are ``bounded`` have to be inside the bounds of their wires."""
     columns = read_columns(path, header=True)
     known = {wire.name: wire for wire in (TIME, *wires)}
     signals: dict[str, Array] = {}

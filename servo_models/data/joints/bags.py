@@ -150,6 +150,6 @@ def _has_stamps(columns: Columns) -> bool:
 
 
 def _overlap(command: Columns, reading: Columns) -> bool:
-    """Whether both are stamped by one clock, as far as one can see."""
+    """Whether the stamps of both overlap, as those of one clock do."""
     stamps = [columns.numbers(HEADER_STAMP) for columns in (command, reading)]
     return bool(max(it[0] for it in stamps) < min(it[-1] for it in stamps))

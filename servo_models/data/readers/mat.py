@@ -1,7 +1,7 @@
 """MAT files of MATLAB, v4 to v7 and v7.3.
 
-A vector is a column.  Of a matrix the vectors along its longer side are, named as MATLAB
-would: ``data(:,2)``.  Fields of structures are named by dots.  Rows count from 1.
+A vector is a column, and so is each vector along the longer side of a matrix, named as in MATLAB:
+``data(:,2)``.  Fields of structures are named by dots.  Rows count from 1.
 """
 
 from __future__ import annotations
