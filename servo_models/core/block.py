@@ -203,7 +203,7 @@ class Ambiguity:
     Attributes:
         experiment: in words, what to do and to log.
         group: names of effects, the one that declares it among them; each looks like any other.
-        against: where given, each of ``group`` looks like each of these instead.
+        against: names of effects that each of ``group`` looks like instead, where given.
     """
 
     experiment: str
@@ -223,8 +223,8 @@ class Harmonic:
     """A further sine of a ripple, by its parameters; without a share there is none.
 
     Attributes:
-        share: amplitude over that of the first sine.
-        count: how many periods it has in a turn.
+        share: parameter for its amplitude over that of the first sine.
+        count: parameter that says how many periods it has in a turn.
         phase: parameter that shifts it.
     """
 
@@ -311,8 +311,8 @@ class Block:
         params: its parameters by name.
         memory: its memories by name, in the order in which they are returned.
         queues: its queues by name.
-        acts_on: for an effect the arguments whose wires it rewrites, else empty.
-        gives: for a plant block the wires that it defines.
+        acts_on: arguments whose wires an effect rewrites, else empty.
+        gives: wires that a plant block defines.
         source: paper, equation or book behind it.
         parts: other functions of an effect that acts at several places of a chain.
         hints: what else is known of an effect.

@@ -455,8 +455,8 @@ class Actuator:
     Attributes:
         name: one string everywhere, also in the FMU: letters, digits and single underscores
             between them, beginning with a letter.
-        title, about, source: for people; may be empty.
-        plant: what the variants without a plant of their own use.
+        title, about, source: texts for people; may be empty.
+        plant: plant of the variants without one of their own.
         variants: at least one; the first one is the default.  Their values are in SI; what
             a variant does not name has the default of its ``Param``.
         stop_time, step_size: default experiment [s].
@@ -465,8 +465,8 @@ class Actuator:
         grey_box: how its constants follow from a transfer function, where somebody solved that.
         general: it stands for a kind of actuator, not for one that is made: ``check --init``
             proposes it only where no other fits.
-        file: that defines it, None for one of the catalogue.
-        inner: what the plant stands around, where that is a simulation that is not ours.
+        file: file that defines it, None for one of the catalogue.
+        inner: simulation that is not ours, around which the plant stands, if there is one.
 
     Raises:
         ValueError: a name that no FMU can have, no variant, an output without a ``Wire`` of its

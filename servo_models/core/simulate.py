@@ -49,7 +49,7 @@ class Result(Reported):
     """A simulated response; a notebook shows its signals and figures.
 
     Attributes:
-        model: what was simulated.
+        model: model that was simulated.
         times: communication points [s], shape (n,).
         inputs, outputs: SI values by name, each of shape (n,); an input is held from its
             row on, an output is the value at its row.
@@ -137,9 +137,9 @@ class Model:
     """An actuator with all parameters chosen: what a simulation and an FMU are made of.
 
     Attributes:
-        actuator, variant: where it comes from.
+        actuator, variant: actuator and name of the variant that it is made from.
         values: every parameter in SI by name, in the order of the parameter vector.
-        provenance: where values come from that are not the variant's own, in words.
+        provenance: origin of values that are not the variant's own, in words.
     """
 
     actuator: Actuator

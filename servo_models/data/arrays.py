@@ -38,11 +38,11 @@ def describe(
 
     Args:
         actuator: its name, for the default variant, or a model from ``model``.
-        logs: by name, each a polars or pandas DataFrame or a mapping of arrays of shape (n,).
-            Errors count its rows from 0; what a masked array masks is missing.
-        columns: of every log, by ``"time"`` and the names of inputs and outputs: a header, in SI;
-            a header with its unit; or a mapping with the keys of a signal in a TOML file, such
-            as ``{"column": "u", "unit": "V", "sign": -1}``.
+        logs: tables by name, polars or pandas DataFrames or mappings of arrays of shape (n,).
+            Errors count their rows from 0; what a masked array masks is missing.
+        columns: columns of every log, by ``"time"`` and the names of inputs and outputs: a header,
+            in SI; a header with its unit; or a mapping with the keys of a signal in a TOML file,
+            such as ``{"column": "u", "unit": "V", "sign": -1}``.
         each: further keys of single logs, by the log's name, as ``[[logs]]`` has them:
             ``held_out``, ``constants``, ``window``, ``judged``, ``settle``, ``start``; but not its
             columns.

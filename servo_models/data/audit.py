@@ -229,8 +229,8 @@ class Command:
     Attributes:
         low, high: range.
         levels: number of different values.
-        changes: how often it changes.
-        reversals: how often its direction of change turns.
+        changes: number of its changes.
+        reversals: number of turns of its direction of change.
         clock: shortest time between changes if the others are multiples of it, else None.
         at_limit: share of the samples at a limit of the actuator's input; 0 for a flag.
         band: lowest and highest frequency [Hz] at which it would move an output above its

@@ -48,8 +48,8 @@ class Grid:
     """An even grid on which rounded stamps lie.
 
     Attributes:
-        times: of the rows on the grid [s], shape (n,), from about 0.
-        period, quantum: of the grid and of the stamps [s].
+        times: times of the rows on the grid [s], shape (n,), from about 0.
+        period, quantum: steps of the grid and of the stamps [s].
         correction: largest distance of a stamp from its time [s], at most a quantum.
     """
 
@@ -276,9 +276,9 @@ class Late:
     """The even clock after whose ticks rows were stamped.
 
     Attributes:
-        times: of the rows on that clock [s], shape (n,), from 0.
-        period: of the clock [s].
-        delays: of the stamps after their ticks [s], shape (n,), the least about 0.
+        times: times of the rows on that clock [s], shape (n,), from 0.
+        period: period of the clock [s].
+        delays: delays of the stamps after their ticks [s], shape (n,), the least about 0.
     """
 
     times: Array
@@ -305,7 +305,7 @@ def stamped_late(times: Array, readings: Iterable[Array]) -> Late | None:
     reading decides.
 
     Args:
-        times: of the rows by their stamps [s], rising, shape (n,), from 0.
+        times: times of the rows by their stamps [s], rising, shape (n,), from 0.
         readings: measured at these rows, shape (n,) each.
 
     Source: a period in events, Mardia, Jupp, Directional Statistics (2000), sec. 6.3 (Rayleigh
@@ -411,8 +411,8 @@ class Sampling:
     """The clock of a log, all in seconds.
 
     Attributes:
-        samples: how many.
-        duration: from the first to the last.
+        samples: number of samples.
+        duration: time from the first to the last.
         step: mean of the steps that are no gaps.
         jitter: their standard deviation.
         stamp: smallest common step of the time stamps, 0 for none.

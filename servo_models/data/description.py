@@ -82,7 +82,7 @@ class Description:
         bounds: least and largest value [SI] of a fit, by name.
         logs: at least one, unless there are other records.
         free: parameters or effects to be estimated.
-        method: how, None if not told.
+        method: method of identification, None if not told.
     """
 
     path: Path

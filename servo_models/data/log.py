@@ -26,7 +26,7 @@ class Channel:
         column: name of the column, or its number as text, 1 for the first.
         unit: unit of the column in words of its author, for people: ``"deg"``, ``"count"``.
         scale: SI per number in the file, with unit and sign in it.
-        offset: in SI.
+        offset: SI value of 0 in the file.
     """
 
     signal: str
@@ -69,7 +69,7 @@ class Log:
         times: [s], shape (n,), strictly increasing from 0.
         inputs: SI by name of the input, each (n,); held from its row on.
         outputs: SI by name of the output, each (n,); measured at its row.
-        channels: by signal, ``"time"`` included.
+        channels: columns by signal, ``"time"`` included.
         rows: row of the file for each sample, as its author would count, shape (n,).
         constants: SI values of parameters or inputs that hold in this log only.
         held_out: True for samples that no fit may see, shape (n,).

@@ -27,7 +27,7 @@ from servo_models.data.sensor import (
 
 LEAST_ROWS = 50  # rows below which chance looks like a mistake
 EQUAL = 1e-9  # difference over the range up to which two readings are the same
-COPIED = 1e-4  # rest beside a copy of the command over the range: rounding of a printed number
+COPIED = 1e-4  # residual against a command over the range up to which a reading is its copy
 REPEATS = 0.1  # share of rows that repeat the one before, up to which noise is seen in a reading
 HELD_ROWS = 12  # rows for which a reading with noise does not repeat itself by chance
 STEPS_OF_NOISE = 2.0  # noise over reading step from which readings change from row to row at rest
@@ -50,7 +50,7 @@ FAR_JUMP = 0.2  # change over the range from which a column jumps as a command d
 AHEAD_ROWS = (64, 40, 24, 16, 10, 6, 4)  # rows before a jump in which an answer comes too early
 LEAST_JUMPS = 2  # jumps of a command at which an answer before them is no accident
 QUIET = 3  # rows before these for which the command stands, over their number
-LIKE_SIGNED = 0.8  # share of jumps that are preceded by motion the same way
+LIKE_SIGNED = 0.8  # share of jumps preceded by motion in the same direction, at least
 SUDDEN = 4.0  # motion ahead of jumps over that before it, and over its noise
 AHEAD_SHARE = 0.05  # motion ahead of jumps over the answer in the rows after them
 LOADS = ("N", "N.m")  # units of inputs that are no command
@@ -85,9 +85,9 @@ def mistakes(log: Log, plant: Plant, steps: Mapping[str, float]) -> Iterator[Mis
     """Yield what is wrong with the columns of a log, one sentence each with its cure.
 
     Args:
-        log: with its outputs in SI.
+        log: log with its outputs in SI.
         plant: says what the outputs are.
-        steps: of readings [SI] by name of the output, 0 where there are none.
+        steps: reading steps [SI] by name of the output, 0 where there are none.
 
     Example:
         >>> list(mistakes(log, plant, {}))

@@ -112,7 +112,7 @@ class Estimate:
     """A parameter's value.
 
     Attributes:
-        name: of the parameter, dotted for that of an effect.
+        name: name of the parameter, dotted for that of an effect.
         value: SI.
         standard_error: SI; infinite where the data say nothing, None where nobody asked.
         origin: ``"estimated"``, ``"given"``, or in a few words where it is from.
@@ -168,12 +168,12 @@ class ParameterSet:
         actuator: name, or path of the file of one of your own, see ``catalogue.actuator``.
         variant: variant whose values hold for all that is not listed.
         estimates: one for each parameter listed.
-        correlations: of pairs of them.
+        correlations: pairs of parameters with their correlation.
         method: how the values were found, in words.
         logs: names of the files they were found from, with the hash of their bytes,
             ``"sha256:..."``.
-        date: of the identification, None if not told.
-        version: of servo-models that found them.
+        date: date of the identification, None if not told.
+        version: version of servo-models that found them.
         figures: what the fit reached, by name.
         warnings: sentences that whoever uses the values should know.
         file: name of the file it was read from, "" if none.

@@ -33,8 +33,8 @@ class Topic:
     """Signals of one clock.
 
     Attributes:
-        name: of the topic; without a semicolon, which separates topics in a layout.
-        unit: of all signals, "" for none.
+        name: name of the topic, without a semicolon, which separates topics in a layout.
+        unit: unit of all signals, "" for none.
         times: [s], shape (n,), not below 0.
         above: signals by name, each of shape (n,), that are drawn together.
         below: the same that are drawn below them.

@@ -31,7 +31,7 @@ class Samples:
     """Drawn parameter sets.
 
     Attributes:
-        chosen: what they were drawn from.
+        chosen: parameters that they were drawn from.
         names: parameters that were drawn.
         values: SI, shape (count, parameters).
         held: parameters with a standard error that says nothing, which keep their value.

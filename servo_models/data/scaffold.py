@@ -41,7 +41,7 @@ class Draft:
 
     Attributes:
         path: the log.
-        actuator: what is thought to have made it, ``given`` if that was told.
+        actuator: actuator that is thought to have made it, ``given`` if that was told.
         variant: variant of the actuator, the default one unless the file names another or has the
             command of another.
         time: its column and unit, None if no column rises.
@@ -391,10 +391,10 @@ class Match:
 
     Attributes:
         wire: the signal.
-        unit: of the column.
+        unit: unit of the column.
         told: the column's name tells its unit, and it is one of the signal.
         converts: whether the unit is one of the signal's at all.
-        score: how well both fit, above 0.
+        score: fit of column and signal, above 0.
     """
 
     wire: Wire

@@ -109,7 +109,7 @@ class Section:
         file: the file, for messages.
         name: dotted name of the place, "" for the whole file.
         content: what stands there.
-        sha256: of the bytes of a whole file.
+        sha256: hash of the bytes of a whole file.
     """
 
     file: Path

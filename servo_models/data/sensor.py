@@ -457,7 +457,7 @@ def outliers(values: Array, excused: Mask | None = None) -> Array:
 
     Args:
         values: readings in the order of time, shape (n,).
-        excused: where a peak is none, shape (n,).
+        excused: True where a peak is no outlier, shape (n,).
 
     Returns:
         Distances with their sign, shape (n,).

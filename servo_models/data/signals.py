@@ -177,7 +177,7 @@ def read_log(
         chosen: the model of the actuator that made it.
         read: ``readers.read_columns``, which may remember what it has read.
         clocks: ``read_clock``, which may remember as well.
-        tables: in memory, by the name that stands as their file.
+        tables: tables in memory, by the name that stands as their file.
 
     Raises:
         UserError: an unknown signal, parameter, table or column; a unit that does not
@@ -647,7 +647,7 @@ def read_clock(
 
     Args:
         drop: leave out rows with the time of the row before.
-        period: of an even clock [s] of which the stamps are the rounded times.
+        period: period [s] of an even clock whose rounded times the stamps are.
 
     Raises:
         UserError: a cell that is empty or no time, times that run backward, or that are not the

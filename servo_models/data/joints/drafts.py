@@ -58,7 +58,7 @@ def write_joints(
 
     Args:
         found: the recording.
-        folder: to write into; None for beside it, behind its name.
+        folder: folder to write into; None for that of the recording, with its name in front.
         actuator: name of what all joints are, None for a general one.
 
     Raises:

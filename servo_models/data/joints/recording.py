@@ -18,7 +18,7 @@ class Joint:
         name: as the recording calls it.
         log: lines of its ``[[logs]]`` above the signals.
         command, reading: columns, as keys of a signal; ``unit`` is that of both, with its scale.
-        guessed: what is, and ``doubt`` why.
+        guessed: what was guessed, and ``doubt`` why.
         runs: lines below the signals.
     """
 

@@ -88,7 +88,7 @@ class Columns:
         path: the file, and ``sha256`` of its bytes.
         cells: the columns, named, as they stand in the file.
         first_row: number by which the author calls the first row of cells.
-        table: where the file has several.
+        table: name of the table, where the file has several.
         aliases: names of columns by what they are called as well.
     """
 

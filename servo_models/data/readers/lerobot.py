@@ -33,8 +33,8 @@ class Info:
 
     Attributes:
         fps: frames in a second, 0 where it is not said.
-        episodes: how many there should be.
-        names: of the items of each list, by its column.
+        episodes: number of episodes that there should be.
+        names: names of the items of each list, by its column.
     """
 
     fps: float = 0.0

@@ -25,9 +25,9 @@ def message_columns(
     that is the same in all.  ``header_stamp`` is where a header has one.
 
     Args:
-        times: when messages arrived and so on [ns], by name.
+        times: times of the messages [ns], such as that of their arrival, by name.
         records: the messages, as dictionaries, lists and scalars.
-        first: what is subtracted from every time [ns].
+        first: time that is subtracted from every time [ns].
     """
     columns = [column_of(name, [time - first for time in own]) for name, own in times.items()]
     stamps = [_stamp(record) for record in records]
