@@ -15,14 +15,14 @@ from servo_models.core.block import RESERVED, Block
 from servo_models.core.plant import Plant, Wire
 from servo_models.core.types import Array
 
-FRICTION, SPEED = "friction", "shaft_speed"
-"""Wires of ``actuators/shaft.py``: a level of friction, which acts against this speed."""
+FRICTION = "friction"  # wire of ``actuators/shaft.py``: level of the friction
+SPEED = "shaft_speed"  # wire of ``actuators/shaft.py``: speed that the friction acts against
 SWEEP = np.interp(np.linspace(0.0, 5.0, 2001), [0.0, 1.0, 3.0, 5.0], [0.0, 1.0, -1.0, 1.0])
-BEGIN = 400  # samples of the sweep that are not shown: the way to its first end
+BEGIN = 400  # samples of the sweep that are left out: the way to its first end
 REACHES = (1.0, 0.3, 0.1, 0.03, 0.01, 0.003, 2.0)
-"""Of the sweep, in full scales; the first that shows the shape is taken."""
-VISIBLE = 0.15  # change of a signal, as a part of the sweep, that shows the shape of an effect
-SMALL = 1e-9  # the same, of rounding errors
+"""Amplitudes of the sweep in full scales of the wire; the first that shows the shape is taken."""
+VISIBLE = 0.15  # change of a signal over the sweep that shows the shape of an effect
+SMALL = 1e-9  # change of a signal over the sweep below which it is rounding
 
 
 @dataclass(frozen=True)

@@ -29,16 +29,16 @@ from servo_models.core.simulate import Result, model, simulate
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-DURATION = 2.0  # of the run, in stop times of the actuator
+DURATION = 2.0  # duration of the run in stop times of the actuator
 POINTS = 2001
-BREAKS = (0.0, 0.05, 0.05, 0.45, 0.85, 1.0)  # corners of the command over the run
-HEIGHTS = (0.0, 0.0, 1.0, 1.0, -1.0, -1.0)  # ... in standard steps of the actuator.
+BREAKS = (0.0, 0.05, 0.05, 0.45, 0.85, 1.0)  # times of the command's corners over the run's
+HEIGHTS = (0.0, 0.0, 1.0, 1.0, -1.0, -1.0)  # command at the corners in standard steps
 STRENGTHS = (1.0, 3.0, 10.0, 0.3, 0.1)
-"""Tried in turn, in typical values: a limit shows when it is low, the others when high."""
+"""Sizes tried in turn, in typical values: a limit shows when it is low, the others when high."""
 LOADS = (0.0, 0.3)
-"""Tried in turn, in full scales, where there is an input for a load: some effects show under
-load only."""
-VISIBLE = 0.02  # change of the output, as a part of its range, that the eye sees
+"""Loads tried in turn, in full scales of the load input if there is one: some effects show only
+under load."""
+VISIBLE = 0.02  # smallest change of the output, over its range, that the eye sees
 
 
 @dataclass(frozen=True)

@@ -29,16 +29,18 @@ KEY = (
     " other, and states that are theirs; in brackets what they read beside it. Blue: wires of"
     " which a branch leads back. A block of parameters alone stands at each of its wires."
 )
-TITLE, LABEL, SMALL = 8.5, 8.0, 7.0  # letters of blocks, of wires, and of effects [pt]
-EM = 0.63  # width of a letter over its size, on the safe side
+TITLE = 8.5  # size of a block's letters [pt]
+LABEL = 8.0  # size of a wire's letters [pt]
+SMALL = 7.0  # size of an effect's letters [pt]
+EM = 0.63  # width of a letter over its size, rounded up
 LINE = 1.35  # distance of lines over the size of their letters
-HIGH = 13.0  # of a wire's label [pt]
-PAD = 5.0  # beside a text, in its frame [pt]
+HIGH = 13.0  # height of a wire's label [pt]
+PAD = 5.0  # distance of a text from its frame [pt]
 WRAP = 30  # letters in a line of an effect
-INCH = 72.0  # [pt]
-MARGIN = 8.0  # around it all [pt]
-NARROW = 16.0  # for a wire through an effect [pt]
-BOLD = 1.1  # width of bold letters over that of others
+INCH = 72.0  # points in an inch
+MARGIN = 8.0  # margin around the diagram [pt]
+NARROW = 16.0  # width of a wire through an effect [pt]
+BOLD = 1.1  # width of bold letters over that of regular ones
 BLOCK = {"ec": colour("ink"), "lw": 1.0}
 EFFECT = {"ec": colour("orange"), "lw": 0.8, "ls": (0.0, (3.0, 2.0))}
 TERMINAL = {"ec": colour("green"), "lw": 0.9}

@@ -14,7 +14,7 @@ from servo_models.errors import UserError
 from servo_models.report.numbers import Quantity
 from servo_models.units import factor, parse
 
-LONGEST = 10_000_000  # communication points of a step; more is a slip of the unit
+LONGEST = 10_000_000  # communication points of a step at most; more is a wrong unit
 
 
 def step(

@@ -21,7 +21,7 @@ from servo_models.report.result import Report, data_sheet
 from servo_models.report.sections import Table
 from servo_models.units import factor
 
-FEW = 1  # actuators that are named in a list of effects
+FEW = 1  # most actuators that a list of effects names instead of counts
 
 
 def explain(name: str, variant: str | None = None) -> Report:

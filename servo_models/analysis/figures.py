@@ -33,8 +33,8 @@ from servo_models.units import parse
 SUFFIXES = (".json", ".mat", ".npz")
 
 HALF_POWER = math.sqrt(0.5)
-RATIO = 10.0 ** (1.0 / 12.0)  # from one frequency of a sweep to the next
-DECADES = 5  # a sweep that has not ended by then has no end
+RATIO = 10.0 ** (1.0 / 12.0)  # frequency of a sweep over the one before
+DECADES = 5  # decades of frequency after which a sweep is given up
 
 Response = Callable[[float], complex]
 """Output over input [SI] at a frequency [Hz]."""

@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from servo_models.core.types import Array
 
-CANCELS = 1e-6  # distance of a pole and a zero that cancel, over the fastest pole
-FURTHEST_ZERO = 1e4  # over the fastest pole; beyond, a zero is the rounding of a leading 0
+CANCELS = 1e-6  # largest distance of a pole and a zero that cancel, over the fastest pole
+FURTHEST_ZERO = 1e4  # largest zero over the fastest pole; a larger one is a rounded leading 0
 
 
 @dataclass(frozen=True)

@@ -38,9 +38,9 @@ from servo_models.report.sections import Picture, Section
 from servo_models.units import WRITTEN_IN, factor
 
 NOMINAL = "nominal"
-SWEEP = 0.5  # of a value, to either side, within which its slider moves
-SWEEP_ERRORS = 5.0  # the same in standard errors, where these are larger
-SWEEP_TYPICAL = 3.0  # typical values of an effect that is off, up to which its slider moves
+SWEEP = 0.5  # reach of a slider to either side, over its value
+SWEEP_ERRORS = 5.0  # reach of a slider to either side in standard errors, if that is further
+SWEEP_TYPICAL = 3.0  # end of the slider of an effect that is off, in typical values
 DRIVE = "Simulated in this page: drive it, move a parameter, or switch an effect."
 COMPARE = "Simulated in this page: the same run without the effect, dashed, and with it."
 

@@ -33,10 +33,10 @@ SUFFIXES = (".svg", ".png", ".pdf")
 PANEL = 1.25  # height of a panel [inch]
 MARGIN = 1.0  # height of title and time axis together [inch]
 WIDTH = 7.0
-POINTS = 601  # of a curve
-LEAD = 0.04  # rest shown before time 0, as a share of the run, so that a step can be seen as one
+POINTS = 601  # points of a curve
+LEAD = 0.04  # rest shown before time 0 over the duration of the run, so that a step is seen as one
 SMALL = 1e-9
-"""A signal that moves by less than this part of its full scale is drawn as a straight line."""
+"""Range of a signal over its full scale below which it is drawn as a straight line."""
 
 
 def check_suffix(path: Path) -> None:

@@ -36,8 +36,8 @@ DEFINITIONS = (
     " fundamental (describing function)."
 )
 SWING = math.radians(60.0)
-SPAN, FINE = 30.0, 300
-"""Frequencies of a Bode plot, over and below the bandwidth by this factor, and its points."""
+SPAN = 30.0  # highest frequency of a Bode plot over the bandwidth, and bandwidth over the lowest
+FINE = 300  # points of a Bode plot
 
 
 @report_of.register(Result)

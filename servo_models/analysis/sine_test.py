@@ -19,12 +19,12 @@ from servo_models.core.types import Array, Complex
 from servo_models.errors import UserError
 
 POINTS = 499
-"""Communication points a period; the input is held between them, which is accounted for.
+"""Communication points in a period; that the input is held between them is accounted for.
 
-A prime, so that a clock in the model seldom ticks in time with the points; what such a clock
-mistakes of the held input is below 1/POINTS.  More would fill the line of a long delay."""
-STEP_POINTS = 4000  # communication points of a step
-WAITS = 20  # default experiments to wait at most for rest
+A prime, so that a clock in the model is seldom synchronous with the points; the error that such a
+clock makes of the held input is below 1/POINTS.  More would overflow the buffer of a long delay."""
+STEP_POINTS = 4000  # communication points of a step response
+WAITS = 20  # default experiments to wait for rest at most
 
 
 class SineTest:

@@ -25,10 +25,10 @@ from servo_models.errors import UserError
 
 Step = Callable[[list[float], list[float], float, float], Any]
 
-SMALL = 1e-5  # difference for a derivative, in full scales of the wire
-MODERATE = 0.05  # difference at which an effect must still look the same to count as smooth
+SMALL = 1e-5  # step of a difference quotient in full scales of the wire
+MODERATE = 0.05  # step in full scales at which a smooth effect has the same difference quotient
 EVENT_TOLERANCE = 1e-6
-"""In internal steps: an event until then after a communication point belongs to the step there."""
+"""Internal steps after a communication point within which an event belongs to the step there."""
 BLOCKS = 50  # default experiments after which a model that still moves has no point of rest
 
 

@@ -14,11 +14,11 @@ from servo_models.core.types import Array, Mask
 
 LAGS = 25
 ORDERS = 20
-LONGEST = 2000  # lags that an autocovariance has at most
+LONGEST = 2000  # lags of an autocovariance at most
 PREDICTED = 1e-8
-"""Part of the variance that a past leaves unpredicted, below which it is what rounding makes of
-none: orders from there on may be unstable."""
-FAINT = 1e-3  # part of its variance below which it has died out
+"""Fraction of the variance that the past leaves unpredicted, below which it is rounding: higher
+orders may be unstable."""
+FAINT = 1e-3  # autocovariance over the variance below which it has died out
 
 
 def rms(values: Array) -> float:

@@ -35,9 +35,9 @@ from servo_models.cli.validate import validate
 from servo_models.errors import UserError, did_you_mean
 
 EXIT_FAILED = 2
-INTERRUPTED = 130  # what typer makes of Ctrl-C, without a word
+INTERRUPTED = 130  # exit status that typer gives Ctrl-C, without a message
 USAGE_ERROR: Any = typer.BadParameter.__mro__[2]
-"""Base of all complaints about the command line, which typer has no public name for."""
+"""Base class of all errors of the command line, which typer does not export."""
 
 
 class Commands(TyperGroup):

@@ -15,11 +15,11 @@ from servo_models.report.terminal import text
 Progress = Callable[[int, int | None, str], None]
 """Called with steps done, steps in all where that is known, and what is being done."""
 
-NARROW = 80  # columns of what is meant to be read, in a pipe too
-ONE_LINE = 2000  # characters; no row of a table is longer, so a filter such as grep finds all of it
+NARROW = 80  # columns of text for people, in a pipe too
+ONE_LINE = 2000  # characters of a line; no table row is longer, so that grep finds the whole row
 RUNNER_COMMAND = re.compile(r"(?:^|[\r\n])\s*:(?=:)|##\w*(?=\[)")
-"""What a CI runner obeys, up to the last sign that it needs: ``::error::`` where a line begins, and
-``##[error]``, ``##vso[...]``, ``##teamcity[...]`` anywhere."""
+"""Commands to a CI runner, up to the last sign that it needs: ``::error::`` at the start of a line,
+``##[error]``, ``##vso[...]`` and ``##teamcity[...]`` anywhere."""
 
 
 @contextmanager

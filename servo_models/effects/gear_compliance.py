@@ -6,7 +6,7 @@ from typing import Annotated
 from servo_models.core.block import Ambiguity, Hints, Param, effect
 
 RIGID = 1e-6
-"""Compliances [rad/(N m)] below this one are rigid: their resonance would only cost steps."""
+"""Compliance [rad/(N m)] below which a gear is rigid: its resonance would only cost steps."""
 SOURCE = "two-mass model, e.g. Ellis, Control System Design Guide, 2012, ch. 16"
 
 Compliance = Annotated[

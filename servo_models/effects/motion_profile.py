@@ -6,9 +6,9 @@ from typing import Annotated
 from servo_models.core.block import Ambiguity, Hints, Memory, Param, effect
 
 TRIALS_OVER_TYPICAL = tuple(0.03 * 1.35**k for k in range(20))
-"""Over a wide range, and so near each other that a part of what one does is no better known than
-what the next one does."""
-SHORTEST_S = 1e-6  # acceleration times below this one are none
+"""Trial values over the typical one: so close that the fit with a part of one value is no better
+than the fit with the next."""
+SHORTEST_S = 1e-6  # acceleration time below which the speed jumps
 
 
 @effect(

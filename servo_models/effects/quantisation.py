@@ -5,7 +5,7 @@ from typing import Annotated
 
 from servo_models.core.block import Grid, Hints, Param, effect
 
-FINEST = 4503599627370496.0  # 2^52: beyond, every float is a whole number of codes
+FINEST = 4503599627370496.0  # codes, 2^52: every larger float is a whole number of codes
 
 
 @effect(

@@ -5,8 +5,8 @@ from typing import Annotated
 from servo_models.core.block import Hints, Memory, Param, effect
 
 TRIALS_OVER_TYPICAL = tuple(0.03 * 1.35**k for k in range(28))
-"""Over a wide range, and so near each other that a part of what one does is no better known than
-what the next one does."""
+"""Trial values over the typical one: so close that the fit with a part of one value is no better
+than the fit with the next."""
 
 
 @effect(

@@ -11,9 +11,9 @@ from typing import Annotated
 from servo_models.core.block import Hints, Memory, Mode, Notice, Param, effect
 
 SOURCE = "Hastie, Tibshirani, Generalized Additive Models, 1990, ch. 4 (additive curves)"
-KNOTS = 9  # of each curve, evenly spaced from its low to its high end
-LAST = KNOTS - 1.0  # place of the last knot, where the first one is at 0
-ROUNDING = 1e-6  # beyond an end, in distances of two knots, up to which it is still there
+KNOTS = 9  # knots of each curve, evenly spaced from its low to its high end
+LAST = KNOTS - 1.0  # place of the last knot in knot distances from the first
+ROUNDING = 1e-6  # distance beyond an end, in knot distances, that counts as the end
 BEYOND = (
     "'{regressor}' went beyond the range of its curve, which is held at its edge there (and is off"
     " if its ends are crossed); learn it again from logs that go as far"
@@ -122,7 +122,7 @@ CURVES = {
     )
     for key in ("rate", "position", "command", "load", "reversal")
 }
-"""The curve of each thing that the map may be of, by the key of its weight."""
+"""Curve of each argument that the map may have, by the key of its weight."""
 
 
 @effect(

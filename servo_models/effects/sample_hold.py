@@ -7,7 +7,7 @@ from servo_models.core.block import Clock, Grid, Hints, Memory, Param, effect
 
 MULTIPLIER = 16807.0
 MODULUS = 2147483647.0
-SHORTEST = 1e-6  # frames [s] below this one are not told from a continuous signal
+SHORTEST = 1e-6  # frame [s] below which the signal counts as continuous
 
 
 @effect(

@@ -9,7 +9,7 @@ from typing import Annotated
 from servo_models.core.block import Ambiguity, Hints, Memory, Mode, Param, effect
 
 TRIALS_OVER_TYPICAL = tuple(0.1 * 1.3**k for k in range(18))
-"""So near each other that steps which make one slip are told from those that do not."""
+"""Trial values over the typical one: close enough to tell which steps of a log make it slip."""
 
 
 @effect(

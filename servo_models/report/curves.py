@@ -16,11 +16,11 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-BUCKETS = 400  # stretches of a long curve of which extremes are drawn, about one a pixel
-WIDE_LABELS = 48  # characters of names of curves that fit on a line above a panel
-SAMPLE = 3  # the same that the piece of line before a name takes
-ROOM = 0.15  # space above and below the measured and the judged curve, as a part of their range
-SMALL = 1e-3  # numbers below this are drawn with a power of ten at the axis
+BUCKETS = 400  # stretches of a long curve whose extremes are drawn, about one a pixel
+WIDE_LABELS = 48  # characters of curve names that fit on a line above a panel
+SAMPLE = 3  # characters that the piece of line before a name takes
+ROOM = 0.15  # space above and below the measured and the judged curve, over their range
+SMALL = 1e-3  # number below which an axis has a power of ten
 DASHED = (0, (4, 3))
 
 Style = tuple[str, Any, float, float]

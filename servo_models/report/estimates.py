@@ -22,12 +22,12 @@ Profile = tuple[str, Sequence[tuple[float, float]], float, float]
 """Name of an estimate; distances [standard errors] with the rise of the squared errors there over
 all of them; the same rise at a standard error by slopes, the others following and held."""
 
-MANY = 12  # largest number of estimates whose correlations are drawn
+MANY = 12  # most estimates whose correlations are drawn
 REACH = 3.2  # standard errors to each side that are drawn at least
-ROW, MARGIN = 0.6, 0.75
-"""Height of a row of the profiles, and of everything else [inch]."""
-HIGHEST = 0.5  # part of a row at which its highest dot is
-CUT = 0.56  # part of a row above which a curve is not drawn
+ROW = 0.6  # height of a row of the profiles [inch]
+MARGIN = 0.75  # height of everything else [inch]
+HIGHEST = 0.5  # height of a row's highest dot over that of the row
+CUT = 0.56  # height above which a curve is cut, over that of the row
 
 
 def correlation_map(names: Sequence[str], correlations: NDArray[np.float64]) -> list[Picture]:

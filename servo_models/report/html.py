@@ -16,10 +16,10 @@ from servo_models.report import live, style
 from servo_models.report.sections import Mark, Page, Picture, Section, Table
 
 MARKS = {True: "✓", False: "✗", None: "○"}
-"""A sign beside each verdict, so that it does not hang on colour."""
+"""Sign beside each verdict, so that colour is not needed to read it."""
 JUDGEMENTS = {True: "pass", False: "fail", None: "open"}
 OPTION = re.compile(r"(?<!\S)--[a-z][\w-]*")
-"""Of a command, as ``--out``: a browser would end a line after its first hyphens."""
+"""Option of a command, as ``--out``: a browser would break a line after its hyphens."""
 
 
 def page(report: Page) -> str:

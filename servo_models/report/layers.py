@@ -15,15 +15,15 @@ from itertools import pairwise, permutations
 
 import numpy as np
 
-GAP = 14.0  # between boxes of a layer [pt]
-LANE = 7.0  # between parallel wires [pt]
-HEAD = 10.0  # of a wire above a box, for the head of its arrow [pt]
-TRIES = 8  # to keep wires apart that would lie on one another
-SWEEPS = 40  # over all layers, in search of their orders
-SHELF = 600.0  # of boxes without a wire in a layer, at most about [pt]
-STIFF = 3.0  # weight of the length of a wire past boxes over that at one: long wires are straight
+GAP = 14.0  # distance between boxes of a layer [pt]
+LANE = 7.0  # distance between parallel wires [pt]
+HEAD = 10.0  # length of a wire above a box, for the head of its arrow [pt]
+TRIES = 8  # attempts at most to keep wires apart that would lie on one another
+SWEEPS = 40  # passes over all layers in search of their orders
+SHELF = 600.0  # width of boxes without a wire in a layer, at most about [pt]
+STIFF = 3.0  # weight of a wire's length past boxes over that at one: long wires are straight
 
-TINY = 1e-3  # difference of two places that are the same [pt]
+TINY = 1e-3  # difference below which two places are the same [pt]
 
 Point = tuple[float, float]
 

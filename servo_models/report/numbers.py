@@ -11,11 +11,14 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-NONE, MINUS, TIMES = "\N{EN DASH}", "\N{MINUS SIGN}", "\N{MULTIPLICATION SIGN}"
-ERROR, ARROW = "\N{PLUS-MINUS SIGN}", "\N{RIGHTWARDS ARROW}"
-MOST_DIGITS = 10  # digits that a value is worth, however small its error
+NONE = "\N{EN DASH}"
+MINUS = "\N{MINUS SIGN}"
+TIMES = "\N{MULTIPLICATION SIGN}"
+ERROR = "\N{PLUS-MINUS SIGN}"
+ARROW = "\N{RIGHTWARDS ARROW}"
+MOST_DIGITS = 10  # digits of a value at most, however small its error
 PREFIXES = ((1e-4, "u", 1e6), (0.1, "m", 1e3))
-"""Figures below the first number are told with this prefix, of which so many make one."""
+"""Prefixes: (figure below which it is used, letter, factor to the prefixed unit)."""
 PREFIXED = ("m", "rad", "V", "A", "N", "s")
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _LOWERED = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")

@@ -36,14 +36,14 @@ PALETTE = {
     "green": ("#007a5a", "#3fc79d"),
     "purple": ("#a2497f", "#df9cc4"),
 }
-"""Colours by name: (on a light page, on a dark page)."""
+"""Colours by name: (colour on a light page, colour on a dark page)."""
 
 STYLE = re.compile(r'style="([^"]+)"')
 
 SERIES = ("blue", "orange", "green", "purple")  # names of the colours of curves, in order
 
-WIDTH = 4.2  # width of a figure [inch]; text of 9 points stays legible when a phone shrinks it
-WIDE = 5.5  # width [inch] from which a figure takes the whole page, and is moved by hand on a phone
+WIDTH = 4.2  # width of a figure [inch]; text of 9 points stays legible on a phone
+WIDE = 5.5  # width [inch] from which a figure takes the whole page and scrolls on a phone
 
 
 def colour(name: str) -> str:

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
 
 WIDE = 160  # columns of plain text
-LONGEST_CELL = 400  # characters of a cell, which may be a name out of anybody's file
-LONGEST_TEXT = 4000  # the same of a paragraph
+LONGEST_CELL = 400  # characters of a cell at most; it may be a name from a foreign file
+LONGEST_TEXT = 4000  # characters of a paragraph at most
 STYLES = {True: "green", False: "bold red", None: ""}
 
 

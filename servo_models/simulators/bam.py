@@ -13,7 +13,7 @@ from servo_models.errors import UserError
 from servo_models.simulators.reading import TRANSPORT_DELAY, Values, numbers
 from servo_models.simulators.simulator import Nominal, Reader
 
-FULL_SPEED = 10.0  # rad/s, that friction parameters of our smart servo call full
+FULL_SPEED = 10.0  # rad/s, full speed in the friction parameters of our smart servo
 STRIBECK = ("m2", "m4", "m5", "m6")
 LOAD_DEPENDENT = ("m3", "m4", "m5", "m6")
 KEYS = {

@@ -21,8 +21,8 @@ from servo_models.simulators.servo import Run, Servo, excited, logged, servo_of
 from servo_models.simulators.simulator import Held, Simulator
 from servo_models.units import parse
 
-SHORTEST_S, LONGEST_S = 1e-4, 0.1
-"""Time steps that a simulator may be given."""
+SHORTEST_S = 1e-4  # shortest time step of a simulator
+LONGEST_S = 0.1  # longest time step of a simulator
 
 
 @dataclass(frozen=True)

@@ -108,7 +108,7 @@ HOLDS: Mapping[str, Held] = {
 
 NO_LIMIT = 1e9
 LIMITS = ("effort_limit", "velocity_limit_sim")
-"""Fields that are those of the USD file where nobody says that there is none."""
+"""Fields that the USD file gives unless the configuration says that there is no limit."""
 
 
 def lines(values: Mapping[str, float], step: float, inertia: float) -> str:

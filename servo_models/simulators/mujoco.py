@@ -37,10 +37,10 @@ from servo_models.simulators.simulator import (
 )
 
 IMPEDANCE = 0.9  # d of a friction loss: the first number of solimpfriction
-WIDEST_IMPEDANCE = 0.95  # its second number
+WIDEST_IMPEDANCE = 0.95  # d_width: the second number of solimpfriction
 TIME_CONSTANT_S = 0.02  # the first number of solreffriction
 FRICTION_DAMPING = 2.0 / WIDEST_IMPEDANCE
-SHORTEST_STEPS = 2.0  # time constant of a constraint, in time steps at least
+SHORTEST_STEPS = 2.0  # shortest time constant of a constraint in time steps
 
 FIELDS = (
     Field("kp", "N.m/rad", "position gain", 1e-6, 1e6, optional=False),
@@ -140,7 +140,7 @@ def lines(values: Mapping[str, float], step: float, inertia: float) -> str:
 
 
 DRIVES = ("position", "pid")
-ALIKE = ("general", "motor", *DRIVES)  # whose defaults are those of one another
+ALIKE = ("general", "motor", *DRIVES)  # elements that share their defaults
 
 
 def read(content: bytes, joint: str, inertia: float) -> Nominal:

@@ -13,7 +13,7 @@ from servo_models.simulators import readers
 from servo_models.simulators.simulator import Nominal
 from servo_models.units import parse
 
-LONGEST = 100  # characters of where a value is from: names in it are anybody's
+LONGEST = 100  # characters of a value's origin at most: it may hold names of a foreign file
 
 
 def nominal(file: str, inertia: float | str = 0.0) -> ParameterSet:

@@ -12,11 +12,12 @@ from xml.parsers import expat
 from servo_models.errors import UserError, did_you_mean
 
 TRANSPORT_DELAY = "transport_delay.time"
-LEAST_RATIO = 0.05  # damping ratio of our servo
-FASTEST, NO_LIMIT = 1e4, 1e7  # rad/s and rad/s2, the most of our servo
-LARGEST_ERROR_RAD = math.pi  # up to which a servo without a limit of speed has none
-FAST = 1000.0  # rad/s
-LARGEST = 1e30  # of a number in a file; what is larger, infinite or NaN is none
+LEAST_RATIO = 0.05  # least damping ratio of our servo
+FASTEST = 1e4  # rad/s, largest speed limit of our servo
+NO_LIMIT = 1e7  # rad/s2, largest acceleration limit of our servo
+LARGEST_ERROR_RAD = math.pi  # error whose speed is the limit of a servo that has none
+FAST = 1000.0  # rad/s, natural frequency of a servo that follows at once
+LARGEST = 1e30  # largest number read from a file; a larger one, infinity or NaN is refused
 
 Values = dict[str, tuple[float, str]]
 """Values [SI] of our parameters by name, each with where it comes from."""

@@ -17,12 +17,12 @@ FREQUENCIES = np.geomspace(2.0, 300.0, 9)  # rad/s
 RATIOS = (0.5, 1.0, 3.0)
 DELAYS_S = (0.0, 0.01, 0.03, 0.1)
 BEST_STARTS = 3
-MOST_EVALUATIONS = 60  # of a search, in gradients
-DIFFERENCE = 1e-3  # step of a difference quotient, relative
+MOST_EVALUATIONS = 60  # gradients in a search at most
+DIFFERENCE = 1e-3  # relative step of a difference quotient
 EARNED = 0.05
-"""Part of the error by which a field has to lower it, or it is left out."""
-MOST_STEPS = 5e6  # of all logs: minutes of work
-LARGEST_ERROR = 1e6  # rad, of a law that runs away
+"""Fraction of the cost by which a field has to lower it, or it is left out."""
+MOST_STEPS = 5e6  # time steps of all logs at most, minutes of work
+LARGEST_ERROR = 1e6  # rad, error of a law that diverges
 
 
 class Fit:

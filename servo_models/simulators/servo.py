@@ -17,11 +17,11 @@ from servo_models.errors import UserError
 from servo_models.identification.simulation import prepared
 from servo_models.simulators.simulator import EXACT, NO_FIELD, OF_JOINTS
 
-INERTIA, LOAD = "shaft_inertia", "load"
-"""Wires of every plant with a shaft, see ``actuators/shaft.py``."""
-SMALL_STEP = 0.1  # of the standard step
+INERTIA = "shaft_inertia"  # wire of every plant with a shaft, see ``actuators/shaft.py``
+LOAD = "load"  # wire of every plant with a shaft
+SMALL_STEP = 0.1  # small step over the standard step
 SWEEP_PERIODS = 8.0
-LOAD_SHARE = 0.2  # of the full scale of the load
+LOAD_SHARE = 0.2  # load over its full scale
 LONGEST_STEP_S = 0.005
 
 

@@ -12,9 +12,9 @@ import numba
 from servo_models.core.types import Array
 
 EXACT, APPROXIMATE, LOST = "exact", "approximate", "lost"
-"""How well a law holds an effect."""
+"""Levels of how well a law represents an effect."""
 DELAY = "delay"
-"""The field that counts time steps."""
+"""Field that counts time steps."""
 
 
 class Held(NamedTuple):
@@ -37,7 +37,7 @@ OF_JOINTS: Mapping[str, Held] = {
     "end_stops": Held(APPROXIMATE, "by the range of your joint"),
     "load_friction": Held(LOST, "friction does not follow the load"),
 }
-"""What all simulators hold alike that drive a joint by a torque."""
+"""Effects that every simulator holds alike that drives a joint by a torque."""
 
 
 @dataclass(frozen=True)

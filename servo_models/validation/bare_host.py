@@ -25,10 +25,10 @@ from typing import Any
 if sys.platform != "win32":
     import resource
 
-WARNING, ERROR = 1, 3
-"""Status of a call: more than a warning is a failed one; messages from an error on are kept."""
+WARNING = 1  # status of a call; a higher one is a failed call
+ERROR = 3  # status from which messages are kept
 CO_SIMULATION = 1
-LARGEST_FILE = 1 << 28  # bytes that a slave may write to one file
+LARGEST_FILE = 1 << 28  # bytes that a slave may write to a file
 PLATFORMS = {
     "win32": ("win64", ".dll"),
     "linux": ("linux64", ".so"),
@@ -37,7 +37,7 @@ PLATFORMS = {
 """Folder of FMI 2.0 and suffix of an FMU's library, by ``sys.platform``."""
 SYSTEMS = {"win32": "windows", "linux": "linux", "darwin": "darwin"}
 PROCESSORS = {"amd64": "x86_64", "arm64": "aarch64"}
-"""What FMI 3.0 calls them in the names of its folders."""
+"""Names of processors in the folders of FMI 3.0."""
 NUMBERS: dict[str, Callable[[Any], Any]] = {
     "Real": float,
     "Float64": float,
@@ -45,7 +45,7 @@ NUMBERS: dict[str, Callable[[Any], Any]] = {
     "Boolean": bool,
     "String": lambda text: str(text).encode(),
 }
-"""What a value is turned into before it is set, by type; the others are integers."""
+"""Conversion of a value before it is set, by type; other types are integers."""
 
 _LOGGER = ctypes.CFUNCTYPE(
     None, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_int, ctypes.c_char_p, ctypes.c_char_p

@@ -23,8 +23,9 @@ from servo_models.core.types import Array
 
 Reference = Callable[[Array, Mapping[str, Array]], dict[str, Array]]
 
-LINEAR_MAIN, LINEAR, NONLINEAR = 1e-6, 1e-5, 1e-4
-"""Largest error over full scale: main output of a linear set, its others, nonlinear sets."""
+LINEAR_MAIN = 1e-6  # largest error of the main output of a linear set over full scale
+LINEAR = 1e-5  # largest error of the other outputs of a linear set over full scale
+NONLINEAR = 1e-4  # largest error of an output of a nonlinear set over full scale
 
 EXACT = "matrix exponential"
 TRANSFER = "python-control transfer function, matrix exponential"

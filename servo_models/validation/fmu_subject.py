@@ -26,7 +26,7 @@ from servo_models.validation.host_process import (
     RefusedError,
 )
 
-LONGEST_REASON = 300  # characters that are told of what an FMU says
+LONGEST_REASON = 300  # characters of an FMU's message that are shown at most
 
 
 class FmuError(UserError):

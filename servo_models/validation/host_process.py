@@ -39,12 +39,12 @@ class Limits:
 
 LIMITS = Limits()  # ours take a tenth of each
 
-LARGEST_ANSWER = 1 << 28  # characters that are read of one answer; a row of ten outputs has 200
+LARGEST_ANSWER = 1 << 28  # characters of an answer at most; a row of ten outputs has 200
 PASSED_ON = ("PATH", "LANG", "LC_ALL", "LD_LIBRARY_PATH", "DYLD_LIBRARY_PATH", "SYSTEMROOT")
-"""Variables of the environment that the process gets."""
+"""Environment variables that the process gets."""
 TEMPORARY = ("HOME", "TMPDIR", "TEMP", "TMP")
-"""Those that name folders to write to: here the one in which the process runs."""
-GRACE = 5.0  # seconds for a process to end that has closed its pipe
+"""Environment variables that name folders to write to: here the process's working folder."""
+GRACE = 5.0  # seconds in which a process has to end after it closed its pipe
 
 
 class RefusedError(Exception):

@@ -15,7 +15,7 @@ from servo_models.validation.cases import Case, all_cases
 from servo_models.validation.responses import input_columns
 from servo_models.validation.rows import Validation
 
-FINEST = 1e-9  # of its largest value: to that a reference is rounded, which halves its length
+FINEST = 1e-9  # rounding of a reference over its largest value, which halves its text
 TITLE = "What the actuators do"
 TEXT = (
     "Simulated in this page, beside a reference that shares no code with the model: choose an"

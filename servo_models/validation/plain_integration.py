@@ -29,11 +29,11 @@ from servo_models.core.types import Array
 from servo_models.errors import UserError
 
 Key = Any
-"""Of what has a value: the name of a wire, or (number of the link, name in its block)."""
+"""Key of a value: the name of a wire, or (number of the link, name in its block)."""
 
-DUE = 1e-6  # of the internal step: a clock this near has struck; see the contract of a step
-RELATIVE, ABSOLUTE = 1e-10, 1e-12
-"""Tolerances of ``solve_ivp``; the absolute one is a share of a state's full scale."""
+DUE = 1e-6  # internal steps before its time from which a clock ticks; see the contract of a step
+RELATIVE = 1e-10  # relative tolerance of ``solve_ivp``
+ABSOLUTE = 1e-12  # absolute tolerance of ``solve_ivp`` over a state's full scale
 
 
 class Course(NamedTuple):

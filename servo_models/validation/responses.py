@@ -28,27 +28,27 @@ Run = Callable[[Model, Array, Array], Array]
 """``run(model, times, inputs)`` gives the outputs, as ``Model.run`` does."""
 
 TIME_MARGIN = 10.0
-"""A time is read off a curve: its error is that of the curve over its slope, which is a
-tenth of the mean slope of the rise at the flattest place where a time is read."""
+"""Mean slope of the rise over the slope at the flattest place where a time is read: the error of
+a time is that of the curve over its slope."""
 
 FACTORS = (0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
-"""Internal steps that are tried, in default ones, as far as the bounds allow."""
-REPEATS, LONGER = 5, 10
-"""Runs that are timed, and how many times over the case is in each."""
+"""Internal steps that are tried, over the default one, as far as the bounds allow."""
+REPEATS = 5  # runs that are timed
+LONGER = 10  # length of a timed run, in cases
 
 FINER = 10  # steps of the plain integration in an internal step
 STEPS = (1.0, 2.5, 0.4, 7.3, 1.0, 3.7, 5.0, 1.1, 2.0, 10.0) * 3
 """Communication steps over the internal step: together a hundred internal steps."""
 HELD = 6  # communication steps from one jump of the inputs to the next
-FLOOR = 1e-4  # least tolerance, of the range of an output: what the references allow too
+FLOOR = 1e-4  # least tolerance over the range of an output, as for the references
 SAFETY = 2.0
 """Tolerance over the change of the plain integration from one step in an internal step to
 ``FINER``: a model that locates its jumps, or does not, differs by no more than that change."""
 LOOSE = 0.05
-"""Of the range: where the plain integration itself changes by more, nothing is compared."""
+"""Change of the plain integration, over the range, beyond which nothing is compared."""
 JUMP = 0.5
-"""An output jumps where one plain step makes this part of its change in two internal steps."""
-TOGETHER = 0.5  # typical sizes of all effects at once
+"""Fraction of the change in two internal steps that one plain step makes where an output jumps."""
+TOGETHER = 0.5  # size of all effects at once over their typical ones
 
 
 def response_rows(case: Case, model: Model, run: Run, subject: str = "") -> list[Row]:

@@ -19,7 +19,7 @@ REFERENCE = "reference"
 """Claim: the outputs of an FMU equal a reference that came with the question."""
 FILES = "files"  # claim: the files of an FMU are as FMI has them; nothing was run
 
-OWN_CLAIMS = (IMPLEMENTATION, MODEL, PAPER)  # those about our own models
+OWN_CLAIMS = (IMPLEMENTATION, MODEL, PAPER)  # claims about our own models
 CLAIMS = (*OWN_CLAIMS, REFERENCE, FILES)
 
 

@@ -78,7 +78,8 @@ LEADS = {
         " whether its outputs are right is not known."
     ),
 }
-FAILED, COUNTS = "Outside their limits", "Figures that pass"
+FAILED = "Outside their limits"
+COUNTS = "Figures that pass"
 BRIEF = {
     IMPLEMENTATION: "FMU = simulation",
     MODEL: "model = reference",

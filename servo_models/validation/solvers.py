@@ -35,7 +35,7 @@ Edges = list[tuple[float, float]]
 Segment = tuple[float, float, tuple[float, ...]]
 """Begin [s], end [s], values of all signals between."""
 
-SAME_TIME = 1e-9  # instants closer than this [s] are one: sums of communication steps are rounded
+SAME_TIME = 1e-9  # distance [s] below which instants are one: sums of steps are rounded
 
 
 def changes(times: Array, values: Array, delay: float = 0.0, rest: float = 0.0) -> Edges:
@@ -147,8 +147,8 @@ Values = tuple[float, ...]
 
 RELATIVE = 1e-11
 HAIR = 1e-12
-"""Part of full scale by which a margin is overrun before it counts as fallen, so that a
-regime entered with a margin of 0 is not left at once by rounding."""
+"""Fraction of full scale by which a margin has to be negative before its regime ends, so that
+rounding does not end a regime that begins with a margin of 0."""
 
 
 @dataclass(frozen=True)

@@ -21,14 +21,14 @@ from servo_models.effects.gear_compliance import compliant_load, compliant_outpu
 
 TURN = 2.0 * math.pi
 VOLTS = 24.0
-AMPERES = 2.0  # without end; some times that for a moment
-SPEED = 600.0  # rad/s, nearly 6000 rpm
-TORQUE = 0.06  # N m, of the current
-ACCELERATION = 6e3  # rad/s2, of the bare rotor
-ENCODER_STEP = 1.0 / 64.0  # turns, of a cheap encoder
+AMPERES = 2.0  # continuous current; the peak is several times as large
+SPEED = 600.0  # rad/s, about 6000 rpm
+TORQUE = 0.06  # N m, torque of AMPERES
+ACCELERATION = 6e3  # rad/s2, acceleration of the bare rotor
+ENCODER_STEP = 1.0 / 64.0  # step [turns] of a cheap encoder
 RESONANCE = {"inertia": {"low": 1e-3, "high": 2e6}}
-"""Of the rotor's inertia.  Less behind a compliance cannot be seen; an FMU has the bounds of a
-motor without a gearbox, behind which all is far larger."""
+"""Bounds of the inertia behind a compliance, over the rotor's.  A smaller one cannot be seen; an
+FMU has the bounds of a motor without a gearbox, and behind a gearbox the inertia is far larger."""
 
 SCALES = (TURN, SPEED)
 

@@ -80,8 +80,8 @@ ODRIVE = {
     "integral_time": 0.05,
     "current_limit": 10.0,
 }
-"""Gain 5e-4 A/(count/s) and position gain 20 /s, the defaults of its firmware.  A position loop on
-the integral of the commanded speed is an integral part with T_i = 1 / 20 s."""
+"""Defaults of its firmware: gain 5e-4 A/(count/s), position gain 20 /s.  A position loop on the
+integral of the commanded speed is an integral part with T_i = 1 / 20 s."""
 
 ODRIVE_TORQUE = ODRIVE["torque_constant"] * ODRIVE["current_limit"]
 ODRIVE_PLANT = SPEED_PLANT.rated(

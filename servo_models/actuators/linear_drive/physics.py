@@ -17,8 +17,8 @@ from servo_models.core.block import Clock, Memory, Param, block
 
 EMPS = "Janot, Gautier, Brunot, Data set and reference models of EMPS, 2019"
 LATE = 1e-4
-"""Part of the sample time by which a tick is late: the time stamps of real logs are rounded,
-and the command of a row must not miss the tick that it was recorded at."""
+"""Fraction of the sample time by which a tick is late: time stamps of real logs are rounded, and
+the command of a row must not miss the tick at which it was recorded."""
 
 
 @block("shaft_inertia", "full_speed", "angle_unit", source=EMPS)

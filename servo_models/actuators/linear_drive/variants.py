@@ -11,8 +11,8 @@ CONTROLLER = {
     "drive_limit": 10.0,
     "force_gain": 35.15,
 }
-"""Known from the authors.  No delay of a sample: with the published constants the benchmark's
-logs are met to 1.6 and 2.4 um without it, to 2.4 and 3.8 um with it."""
+"""Settings of the controller, as the authors published them.  It has no delay of a sample: with
+the published constants the logs are met to 1.6 and 2.4 um without one, to 2.4 and 3.8 um with."""
 
 VARIANTS = (
     Variant(

@@ -27,8 +27,8 @@ from servo_models.effects.gear_compliance import compliant_load, compliant_outpu
 from servo_models.effects.residual_map import residual_drive, residual_reading, residual_torque
 
 HALF_RANGE = math.radians(90.0)
-SPEED = 10.0  # rad/s, 60 degrees in 0.1 s
-TORQUE = 0.2  # N m, 2 kg cm
+SPEED = 10.0  # rad/s: 60 degrees in 0.1 s
+TORQUE = 0.2  # N m: 2 kg cm
 ACCELERATION = 500.0  # rad/s2
 
 INPUTS = (
@@ -140,7 +140,7 @@ PLANT = Plant(
         "shaft": ("load_torque", "angle", "rate"),
     },
 )
-BUS_TORQUE = 2.0  # N m, 20 kg cm
+BUS_TORQUE = 2.0  # N m: 20 kg cm
 BUS_PLANT = PLANT.rated(
     scales={
         **dict.fromkeys(("load_torque", "friction", "load"), BUS_TORQUE),

@@ -12,7 +12,7 @@ import math
 from servo_models.actuators.second_order_servo.plant import BUS_PLANT
 from servo_models.core.plant import Variant
 
-STALL_TORQUE = 0.18  # N m, 1.8 kg cm, of a 9 g servo on pulses
+STALL_TORQUE = 0.18  # N m: 1.8 kg cm of a 9 g servo on pulses
 BUS_STALL_TORQUE = 1.8  # N m
 ACCELERATION = 300.0  # rad/s2: 9 rad/s in 30 ms
 BUS_ACCELERATION = 200.0  # rad/s2: 6 rad/s in 30 ms

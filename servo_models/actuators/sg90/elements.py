@@ -37,9 +37,9 @@ TABLES = {
     "motor": Bench((_VOLTAGE, _SPEED), (_BRANCH,), rows=8),
     "motor_step": Bench((Wire("time", "s", "time of the row"), _SPEED), (_VOLTAGE,)),
 }
-"""By name of the element, in the order in which they are identified: a gain with load takes the
-place of one without."""
+"""Bench of each element by its name, in the order in which they are identified: a gain with load
+replaces one without."""
 LOOP = ("amplifier_gain", "potentiometer_gain", "motor_time_constant", "gear_ratio")
-"""Parameters of the loop beside the gain of the motor."""
+"""Parameters of the loop except the gain of the motor."""
 MADE_OF = (*LOOP, "motor_gain", "feedback_coefficient", "angle_unit")
-"""Parameters by which an actuator is known to be made of these elements."""
+"""Parameters that an actuator made of these elements has."""

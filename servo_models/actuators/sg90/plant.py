@@ -21,8 +21,8 @@ from servo_models.effects.gear_compliance import compliant_load, compliant_outpu
 from servo_models.effects.residual_map import residual_drive, residual_reading, residual_torque
 
 HALF_RANGE = math.radians(90.0)
-RATE = 10.0  # rad/s, of a real SG90: 60 degrees in 0.1 s
-PAPER_RATE = 0.5  # rad/s, of the servo that its paper prints
+RATE = 10.0  # rad/s, speed of a real SG90: 60 degrees in 0.1 s
+PAPER_RATE = 0.5  # rad/s, speed of the servo with the printed values of the paper
 
 COMPLIANCE = {"unit": "rad/(N.m)", "high": 1.0, "typical": 0.2}
 

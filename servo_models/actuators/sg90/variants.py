@@ -25,7 +25,8 @@ from servo_models.core.plant import Variant
 
 PULSE_PER_ANGLE = (2400e-6 - 544e-6) / math.pi  # seconds of pulse per radian
 FEEDBACK = 0.1
-SUPPLY, FRAME = 5.0, 0.02
+SUPPLY = 5.0  # V
+FRAME = 0.02  # s
 
 MEASURED = Variant(
     "measured",

@@ -37,11 +37,13 @@ from servo_models.effects.residual_map import residual_drive, residual_reading, 
 from servo_models.effects.saturation import saturation
 
 COUNT = 2.0 * math.pi / 4096.0
-XL330_VOLTS = 5.0  # recommended by its data sheet; stall torque and speed are given there
-STS3215_VOLTS, STS3215_HIGH_VOLTS = 7.4, 12.0  # of the two versions
-STS3215_TORQUE, STS3215_HIGH_TORQUE = 19.5 * 0.0980665, 30.0 * 0.0980665  # N m, stalled, at these
+XL330_VOLTS = 5.0  # voltage at which the data sheet gives stall torque and speed
+STS3215_VOLTS = 7.4  # supply of the smaller version
+STS3215_HIGH_VOLTS = 12.0  # supply of the larger version
+STS3215_TORQUE = 19.5 * 0.0980665  # stall torque [N m] at 7.4 V
+STS3215_HIGH_TORQUE = 30.0 * 0.0980665  # stall torque [N m] at 12 V
 CURRENT_LIMIT = replace(saturation.params["limit"], typical=0.3, high=10.0)
-"""Of full scale: below the stall current, or it never acts."""
+"""Limit in full scales of the current: below the stall current, or it never acts."""
 
 INPUTS = (
     Wire("goal", "rad", "goal angle", low=-50.0, high=50.0, display="deg"),

@@ -26,11 +26,11 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
-VARIABLE = re.compile(r"\bv_\w+")  # as ``core.js_text`` writes those of a model
-FIGURE = re.compile(r"(?<![\w$.])(\d[\w.]*(?:(?<=e)[-+]\d+)?)")  # as a number is written
-LET = re.compile(r"(?<=0);\nlet (?=\S+=0;)")  # of a variable after another
+VARIABLE = re.compile(r"\bv_\w+")  # variable of a model, as ``core.js_text`` writes it
+FIGURE = re.compile(r"(?<![\w$.])(\d[\w.]*(?:(?<=e)[-+]\d+)?)")  # number in a script
+LET = re.compile(r"(?<=0);\nlet (?=\S+=0;)")  # declaration of a variable after another
 SPACE = re.compile(r" ?([=*/<>?:,;(){}|&]) ?| ([+-]) (?![+-])")
-"""Where a blank says nothing: in ``a - -b`` it keeps the signs apart."""
+"""Operators whose blanks can go: not those of ``a - -b``, where they keep the signs apart."""
 
 
 @dataclass(frozen=True)

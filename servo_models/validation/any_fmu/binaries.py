@@ -98,8 +98,8 @@ def _text(content: bytes, start: int) -> str:
     return content[start : content.index(b"\0", start)].decode()
 
 
-SYMTAB, DYNSYM, DYNAMIC, VERNEED = 2, 11, 6, 0x6FFFFFFE
-DT_NEEDED, DT_RPATH, DT_RUNPATH = 1, 15, 29
+SYMTAB, DYNSYM, DYNAMIC, VERNEED = 2, 11, 6, 0x6FFFFFFE  # kinds of ELF sections
+DT_NEEDED, DT_RPATH, DT_RUNPATH = 1, 15, 29  # tags of the ELF dynamic section
 
 
 def _elf(content: bytes) -> Binary:
@@ -151,9 +151,9 @@ def _versions(content: bytes, start: int, count: int, names: int) -> list[tuple[
     return versions
 
 
-DLL = 0x2000
-EXPORTS, IMPORTS, DEBUG = 0, 1, 6
-REPRODUCIBLE = 16
+DLL = 0x2000  # bit in the characteristics of a PE file
+EXPORTS, IMPORTS, DEBUG = 0, 1, 6  # data directories of a PE file
+REPRODUCIBLE = 16  # kind of debug entry that a reproducible build has
 
 
 def _pe(content: bytes) -> Binary:
@@ -196,8 +196,8 @@ def _pe(content: bytes) -> Binary:
     return found
 
 
-SYMBOLS, LIBRARY, SIGNATURE, OLDEST, OLDEST_MAC = 0x2, 0xC, 0x1D, 0x32, 0x24
-DEBUGGING, PRIVATE, DEFINED, EXTERNAL = 0xE0, 0x10, 0xE, 0x1
+SYMBOLS, LIBRARY, SIGNATURE, OLDEST, OLDEST_MAC = 0x2, 0xC, 0x1D, 0x32, 0x24  # Mach-O load commands
+DEBUGGING, PRIVATE, DEFINED, EXTERNAL = 0xE0, 0x10, 0xE, 0x1  # bits of a Mach-O symbol
 
 
 def _mach(content: bytes) -> Binary:

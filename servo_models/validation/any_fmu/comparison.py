@@ -21,25 +21,25 @@ from numpy.typing import NDArray
 from servo_models.core.types import Array
 from servo_models.report.numbers import number, plain, prefix, with_unit
 
-RTOL = 0.002  # default value tolerance, of the range of the reference [1]
+RTOL = 0.002  # default value tolerance over the range of the reference [1]
 OF_LARGEST = 1e-6
-"""What a file of seven digits and a number of 32 bits leave, of the largest absolute value."""
-TIME, STEP_SHARE = 0.001, 0.6
-"""Default time tolerance: this share of the run, but no more than this share of a communication
-step; inputs that are held cost half of one."""
-CONTINUOUS_JUMP = 0.05  # of the range
-STEEPER = 4.0  # times its neighbours is a jump
-LOOSE = 0.5  # of both is enough for the partner of a jump
-STEP_LATE = 1.01  # communication steps may pass before an event shows
-EXPLAINED = 0.35  # of the RMS difference may be left by the cause that is named
-ENOUGH = 0.1  # is left by a cause that needs no second one
-INVERTED = 0.95  # is the slope, with a minus, of a held output upside down
-STILL = 0.05  # of the run without any change is a standstill
-MOSTLY = 0.8  # of a standstill the reference is elsewhere
-SPIKE = 3  # points are none of the others
-SEARCHED = 0.1  # of the run: the longest delay that is looked for
-MOST_SHIFTS, MOST_POINTS = 200, 4000
-FINAL = 0.05  # of the run is its end
+"""Rounding of a file with seven digits or 32-bit numbers, over the largest absolute value."""
+TIME = 0.001  # default time tolerance over the duration of the run
+STEP_SHARE = 0.6  # largest default time tolerance in communication steps; held inputs cost 0.5
+CONTINUOUS_JUMP = 0.05  # least jump of a continuous output over its range
+STEEPER = 4.0  # least jump over the changes beside it
+LOOSE = 0.5  # fraction of both limits that the partner of a jump has to reach
+STEP_LATE = 1.01  # communication steps that may pass before an event shows
+EXPLAINED = 0.35  # fraction of the RMS difference that the named cause may leave
+ENOUGH = 0.1  # fraction of the RMS difference up to which no second cause is sought
+INVERTED = 0.95  # least slope, negated, of a held output that is inverted
+STILL = 0.05  # least fraction of the run without a change that is a standstill
+MOSTLY = 0.8  # least fraction of a standstill in which the reference is elsewhere
+SPIKE = 3  # points outside their limits, at most, that are a spike
+SEARCHED = 0.1  # longest delay that is searched, over the duration of the run
+MOST_SHIFTS = 200  # delays that are tried at most
+MOST_POINTS = 4000  # points that are compared for a delay, at most about
+FINAL = 0.05  # fraction of the run that is its end
 UNITS = {
     "deg for rad": 180.0 / math.pi,
     "rpm for rad/s": 30.0 / math.pi,
@@ -53,7 +53,7 @@ UNITS = {
     "kgf for N": 1.0 / 9.80665,
     "bar for Pa": 1e-5,
 }
-"""Factors between units that are taken for each other."""
+"""Factors between units that are mistaken for each other."""
 
 
 @dataclass(frozen=True, eq=False)

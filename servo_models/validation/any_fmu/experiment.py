@@ -25,12 +25,12 @@ from servo_models.validation.any_fmu.tolerance import Tolerance, read_tolerance
 from servo_models.validation.archive import check_xml
 
 OWN = Path("extra") / "org.fmi-standard.fmi-ls-ref"
-"""Folder in an FMU, by FMI-LS-REF 1.0.0-alpha.1, section 2.4."""
+"""Folder of an FMU's own reference (FMI-LS-REF 1.0.0-alpha.1, section 2.4)."""
 MANIFEST = "fmi-ls-manifest.xml"
-LARGEST_TEXT = 1 << 16
-MOST_POINTS = 2_000_000
-EVEN = 0.01  # of a step: how far points may be from even ones
-WHOLE = 1e-6  # of a step: how far a run may be from a whole number of steps
+LARGEST_TEXT = 1 << 16  # bytes that are read of a file of options
+MOST_POINTS = 2_000_000  # communication points of a run at most
+EVEN = 0.01  # largest spread of the steps of an even grid, over the longest step
+WHOLE = 1e-6  # rounding of times, over the longest step or the run
 
 
 @dataclass(frozen=True)

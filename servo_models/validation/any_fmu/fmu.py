@@ -16,7 +16,7 @@ from servo_models.validation.fmu_subject import FmuError, OpenFmu
 from servo_models.validation.host_process import LIMITS, Limits
 
 ENUMERATION = {False: "Integer", True: "Int64"}
-"""How values of enumerations are set and got in FMI 2.0, and in 3.0."""
+"""Type whose functions set and get values of enumerations in FMI 2.0, and in 3.0."""
 REAL = ("Real", "Float64", "Float32")
 NOT_RUN = ("Binary", "Clock")
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 MOST_PICTURES = 12
-MOST_POINTS = 2000  # of a curve in a picture
+MOST_POINTS = 2000  # points of a curve in a picture, at most about
 
 
 def faults(validation: Validation) -> Section:

@@ -56,7 +56,7 @@ ONLY = {
     False: ("GetTypesPlatform", "Instantiate", "SetupExperiment"),
     True: ("InstantiateCoSimulation",),
 }
-"""What a host needs of a library of FMI 2.0, and of 3.0, beside getters and setters."""
+"""Functions that a host needs of a library of FMI 2.0, and of 3.0, beside getters and setters."""
 STATES = {
     False: ("GetFMUstate", "SetFMUstate", "FreeFMUstate"),
     True: ("GetFMUState", "SetFMUState", "FreeFMUState"),

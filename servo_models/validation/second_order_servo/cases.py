@@ -14,7 +14,7 @@ from servo_models.validation.second_order_servo.reference import Limited, Linear
 
 PULSE = Servo(90.0, 30.0, 0.8, 10.0, 6e-4, fastest=500.0, hardest=300.0 * 180.0 / math.pi)
 BUS = Servo(90.0, 30.0, 0.8, 5.0, 9e-3, fastest=60.0 / 0.18, hardest=200.0 * 180.0 / math.pi)
-CARRIED = 9e-4  # kg m^2
+CARRIED = 9e-4  # inertia of the carried load [kg m^2]
 
 
 def cases() -> list[Case]:

@@ -27,7 +27,7 @@ from servo_models.validation.solvers import (
     follow,
 )
 
-CENTRE = 1.5  # ms
+CENTRE = 1.5  # pulse at rest [ms]
 DEGREE = math.pi / 180.0
 OUTPUTS = ("angle", "rate", "drive")
 NONE = math.inf

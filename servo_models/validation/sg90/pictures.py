@@ -25,8 +25,8 @@ SHOWN = 15.0
 STEP = 2.0e-3
 CHANGE = 0.5e-3  # size of the step from the pulse at rest [s]
 SWING = math.radians(60.0)
-FIRST, LAST = 0.02, 20.0
-"""Times [s] between which both servos are drawn."""
+FIRST = 0.02  # time [s] from which both servos are drawn
+LAST = 20.0  # time [s] up to which both servos are drawn
 
 
 def _step(variant: str, stop: float = SHOWN) -> Result:

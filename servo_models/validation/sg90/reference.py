@@ -35,7 +35,8 @@ K_FS = 0.025
 GEAR = 24.0
 POLE = 1.307
 VOLTS_PER_LOAD = 1.923 / 0.1765
-LOADED, UNLOADED = 7.47, 5.79
+LOADED = 7.47  # gain of the amplifier with a load [V/V]
+UNLOADED = 5.79  # gain of the amplifier without a load [V/V]
 STOP = 90.0
 DEGREE = math.pi / 180.0
 
@@ -251,7 +252,10 @@ class ServoBacklash:
         return out
 
 
-REAL_T, REAL_G, REAL_A, REAL_DELAY = 0.0347, 51.1, 77.7, 0.0289
+REAL_T = 0.0347  # time constant of the motor [s]
+REAL_G = 51.1  # gain of the motor [rad/s/V]
+REAL_A = 77.7  # gain of the amplifier [V/V]
+REAL_DELAY = 0.0289  # delay of the command [s]
 REAL_BACK = VOLTS_PER_SECOND * 1856e-6 / math.pi  # k_f k_FS [V/rad]
 REAL_VOLTS_PER_LOAD = 4.8 / 0.1765
 

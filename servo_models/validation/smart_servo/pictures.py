@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 GOAL = 0.3
-FRICTION = 0.05  # Coulomb friction [N m] of the example, a tenth of the stall torque
+FRICTION = 0.05  # Coulomb friction [N m], a tenth of the stall torque
 
 
 def _run(friction: float) -> Result:

@@ -22,12 +22,12 @@ Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 NO_STOPS = {"end_stops.half_range": 0.0}
-FINAL = 3.0004  # angle [deg] at which eq. 12 rests at 40 V.
+FINAL = 3.0004  # angle [deg] at which eq. 12 rests at 40 V
 
 STOP = 3.0  # half range between the stops [deg]
 
 FRACTIONS = {2.80: 0.1, 9.37: 0.632, 20.23: 0.9}
-"""Share of the final angle by the time [ms] at which eq. 12 reaches it."""
+"""Fraction of the final angle by the time [ms] at which eq. 12 reaches it."""
 
 SHOWN = 0.06
 
@@ -37,7 +37,7 @@ SINES = np.array([2.0, 5.0, 10.0, 20.0, 35.0, 50.0, 75.0, 100.0, 150.0, 188.0, 2
 EQ_12_POINTS = {10.0: (-1.03, -32.5), 50.0: (-8.40, -93.5), 100.0: (-12.14, -130.3)}
 """Gain [dB] and phase [deg] of eq. 12 by frequency [Hz]."""
 
-PEAK = 2.66  # peak angle [deg] of eq. 12 at 10 Hz and 40 V.
+PEAK = 2.66  # peak angle [deg] of eq. 12 at 10 Hz and 40 V
 
 
 def _step(volt: float, stops: bool) -> Result:
