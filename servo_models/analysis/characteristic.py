@@ -79,21 +79,21 @@ def characteristic(plant: Plant, values: Mapping[str, float], name: str) -> Char
     middle = 0.0 if rubs else rest(wire.name)
     rests = {"rest": middle, **constant}
     start = {
-        key: rests[it.start] if isinstance(it.start, str) else it.start
-        for key, it in effect.memory.items()
+        key: rests[memory.start] if isinstance(memory.start, str) else memory.start
+        for key, memory in effect.memory.items()
     }
 
     def swept(over: Wire, signal: Array) -> Characteristic:
         """The effect on a signal: its own, or one that it reads beside it."""
         arguments = [it for it in effect.wires if link.wire_of(it) == over.name]
-        memory, found = start, []
+        memory, changed = start, []
         for value in signal.tolist():
             at = {**fixed, effect.acts_on[0]: middle, **dict.fromkeys(arguments, value)}
             given = effect(**at, **memory)
             parts = given if isinstance(given, tuple) else (given,)
             memory = dict(zip(effect.memory, parts[len(effect.acts_on) :]))
-            found.append(parts[0] - (middle if over is not wire else 0.0))
-        return Characteristic(over, wire, signal[BEGIN:], np.array(found[BEGIN:]))
+            changed.append(parts[0] - (middle if over is not wire else 0.0))
+        return Characteristic(over, wire, signal[BEGIN:], np.array(changed[BEGIN:]))
 
     if rubs:
         law = swept(plant.wire[SPEED], SWEEP * plant.wire[SPEED].scale)

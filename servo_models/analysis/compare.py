@@ -71,12 +71,12 @@ def tube(
     Source: the idea of Modelica's csv-compare and of pyfunnel, with a rectangle as tolerance.
     """
     grid, curve = _column(times), _column(reference)
-    own = grid if at is None else _column(at)
+    own_times = grid if at is None else _column(at)
     response = _column(values)
     _same_length(grid, curve)
-    _same_length(own, response)
+    _same_length(own_times, response)
     lower, upper = _extremes(grid, curve, grid, time_width)
-    low, high = _extremes(grid, curve, own, time_width)
+    low, high = _extremes(grid, curve, own_times, time_width)
     inside = (response >= low - amplitude) & (response <= high + amplitude)
     return Tube(grid, lower - amplitude, upper + amplitude, inside)
 
@@ -191,9 +191,9 @@ def _column(values: ArrayLike) -> Array:
     return np.asarray(values, dtype=float)
 
 
-def _same_length(one: Array, other: Array) -> None:
-    if one.shape != other.shape:
-        raise UserError(f"{len(other)} values for {len(one)} points: give one value per time")
+def _same_length(times: Array, values: Array) -> None:
+    if times.shape != values.shape:
+        raise UserError(f"{len(values)} values for {len(times)} points: give one value per time")
 
 
 def _error(reference: ArrayLike, values: ArrayLike) -> Array:

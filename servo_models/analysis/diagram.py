@@ -75,13 +75,13 @@ def boxes(plant: Plant) -> list[Box]:
     An effect belongs to the box that gives its wires, unless another box took one before it.
     """
     states = {state: Box("∫", (state.name,), owner=state.owner) for state in plant.states}
-    found = [*(Box("", (wire.name,)) for wire in plant.inputs), *states.values()]
-    at = {wire: box for box in found for wire in box.wires}
+    all_boxes = [*(Box("", (wire.name,)) for wire in plant.inputs), *states.values()]
+    at = {wire: box for box in all_boxes for wire in box.wires}
 
     def add(box: Box, reads: Sequence[str]) -> None:
         for wire in reads:
             at[wire].sinks.setdefault(wire, []).append(box)
-        found.append(box)
+        all_boxes.append(box)
         at.update(dict.fromkeys(box.wires, box))
 
     for link in [Link.of(link) for link in plant.chain]:
@@ -104,7 +104,7 @@ def boxes(plant: Plant) -> list[Box]:
         at[state.rate].sinks.setdefault(state.rate, []).append(box)
     for wire in plant.outputs:
         at[wire].outputs.append(wire)
-    return found
+    return all_boxes
 
 
 def diagram(actuator: Actuator, variant: str | None = None) -> Picture:
@@ -124,11 +124,11 @@ def diagram(actuator: Actuator, variant: str | None = None) -> Picture:
     """
     plant = actuator.plant_of(variant)
     title = f"{actuator.name}, variant {actuator.variant(variant).name}"
-    found = boxes(plant)
-    sheets = {box: _Sheet(box, plant) for box in found}
-    number = {box: k for k, box in enumerate(found)}
+    all_boxes = boxes(plant)
+    sheets = {box: _Sheet(box, plant) for box in all_boxes}
+    number = {box: k for k, box in enumerate(all_boxes)}
     nets = []
-    for box in found:
+    for box in all_boxes:
         for wire, sinks in box.sinks.items():
             ends = ((it, None if it.title else sheets[it].columns[wire]) for it in sinks)
             entries = tuple((number[it], at) for it, at in ends)

@@ -66,13 +66,13 @@ def overview() -> Report:
         for actuator in actuators().values()
         for variant in actuator.variants
     )
-    found = tuple((name, _where(name), _about(name)) for name in effects())
+    rows = tuple((name, _where(name), _about(name)) for name in effects())
     return data_sheet(
         "Actuators and effects",
         (),
         (
             Table("Actuators", ("actuator", "variant", ""), variants),
-            Table("Effects", ("effect", "on", ""), found),
+            Table("Effects", ("effect", "on", ""), rows),
             Table(
                 "Warnings",
                 ("",),
@@ -164,15 +164,15 @@ def display_unit(parameter: Parameter) -> str:
 
 
 def _effect_sheet(name: str) -> Report:
-    found = places(name)
+    used_at = places(name)
     where = tuple(
         (place.actuator.name, place.name, ", ".join(link.on))
-        for place in found
+        for place in used_at
         for link in place.placements
     )
     parameters = tuple(
         (place.actuator.name, *row)
-        for place in found
+        for place in used_at
         for row in _parameter_rows(place.parameters, place.actuator.values())
     )
     return data_sheet(
@@ -199,7 +199,7 @@ def actuator_sheet(
         values: [SI] of all parameters, None for those of the variant.
     """
     plant = actuator.plant_of(variant)
-    own = [parameter for parameter in plant.parameters.values() if not parameter.owner]
+    of_actuator = [parameter for parameter in plant.parameters.values() if not parameter.owner]
     placed = [parameter for parameter in plant.parameters.values() if parameter.owner]
     variants = tuple((v.name, v.about, v.source) for v in actuator.variants)
     signals = tuple(
@@ -223,7 +223,7 @@ def actuator_sheet(
             Table(
                 f"Parameters, {whose}",
                 _PARAMETER_COLUMNS,
-                tuple(_parameter_rows(own, shown)),
+                tuple(_parameter_rows(of_actuator, shown)),
             ),
             *_uncertainties(actuator),
             Table(

@@ -173,8 +173,8 @@ def figures(
 
     Example:
         >>> import servo_models as sm
-        >>> found = sm.figures(sm.model("gimbal.py"), amplitude="5 deg")
-        >>> round(found.small.bandwidth, 2), round(found.small.delay, 4)  # Hz, s
+        >>> merits = sm.figures(sm.model("gimbal.py"), amplitude="5 deg")
+        >>> round(merits.small.bandwidth, 2), round(merits.small.delay, 4)  # Hz, s
         (3.55, 0.0648)
     """
     (main, size), output = model.actuator.step, model.plant.outputs[0]
@@ -266,13 +266,13 @@ class _Curve:
                 self._walk()
             low, high = self._walked[k : k + 2]
             if excess(low) > 0.0 >= excess(high):
-                found = brentq(
+                frequency = brentq(
                     lambda f, near=low.lag: excess(self._point(f, near)),
                     low.frequency,
                     high.frequency,
                     rtol=1e-5,
                 )
-                return float(found)
+                return float(frequency)
         return None
 
     def _walk(self) -> None:

@@ -85,8 +85,8 @@ class LinearModel:
 
     def _in_time(self, roots: ArrayLike) -> NDArray[np.complex128]:
         """Roots [rad/s], of a sampled model by the logarithm."""
-        found = np.asarray(roots, dtype=complex)
-        return np.log(found[found != 0.0]) / self.period if self.period else found
+        given = np.asarray(roots, dtype=complex)
+        return np.log(given[given != 0.0]) / self.period if self.period else given
 
     def poles_and_zeros(
         self, input_: str, output: str
@@ -119,7 +119,7 @@ class LinearModel:
         k, n = len(self.channels), len(self.states)
         times = np.array(self.channels)
         column, row = k + self.inputs.index(input_), k + self.outputs.index(output)
-        found = []
+        values = []
         for frequency in np.atleast_1d(np.asarray(frequencies, dtype=float)):
             s = 2j * math.pi * frequency
             shift = cmath.exp(s * self.period) if self.period else s
@@ -127,8 +127,8 @@ class LinearModel:
             whole = whole + self.joint_d
             late = np.diag(np.exp(-s * times))
             loop = np.linalg.solve(np.eye(k) - whole[:k, :k] @ late, whole[:k, column])
-            found.append(whole[row, column] + whole[row, :k] @ late @ loop)
-        return np.array(found, dtype=complex)
+            values.append(whole[row, column] + whole[row, :k] @ late @ loop)
+        return np.array(values, dtype=complex)
 
 
 def transfer_function(

@@ -69,8 +69,8 @@ def _smooth_part(
     linear |= {name for name in active if model.plant.main(name).effect.hints.small_signal}
     left_out = {
         name: "it has a memory"
-        for name, found in active.items()
-        if name not in linear and any(effect.memory or effect.queues for effect in found)
+        for name, effects in active.items()
+        if name not in linear and any(effect.memory or effect.queues for effect in effects)
     }
     doubtful = [name for name in active if name not in linear and name not in left_out]
     base = kind(_without(model, {*left_out, *doubtful}), inputs)

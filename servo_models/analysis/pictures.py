@@ -103,7 +103,7 @@ def draw_signals(result: Result, panels: Sequence[Axes]) -> None:
 def characteristic(axes: Axes, law: Characteristic) -> None:
     """Draw what an effect makes of a signal; of the signal itself also how it is without."""
     given, across = _display(law.given, law.over)
-    found, up = _display(law.found, law.wire)
+    result, up = _display(law.found, law.wire)
     name = law.wire.name.replace("_", " ")
     if law.over is law.wire:
         ends = [min(given), max(given)]
@@ -111,7 +111,7 @@ def characteristic(axes: Axes, law: Characteristic) -> None:
         name = f"{name}, as the effect leaves it"
     elif law.wire.name != FRICTION:
         name = f"added to {name}"
-    axes.plot(given, found, color=colour("orange"))
+    axes.plot(given, result, color=colour("orange"))
     _heading(axes, name, up)
     axes.set_xlabel(f"{law.over.name.replace('_', ' ')} [{across}]" if across else law.over.name)
 

@@ -119,21 +119,21 @@ def _reached(value: float | None, unit: str, digits: int = 5) -> Quantity | str:
 
 
 @document_of.register(Figures)
-def _document(found: Figures) -> dict[str, Any]:
-    model, wires, linear = found.model, found.model.plant.wire, found.linear
+def _document(figures: Figures) -> dict[str, Any]:
+    model, wires, linear = figures.model, figures.model.plant.wire, figures.linear
     return {
         "actuator": model.actuator.name,
         "variant": model.variant,
         "provenance": model.provenance,
-        "input": {"name": found.input, "unit": wires[found.input].unit},
-        "output": {"name": found.output, "unit": wires[found.output].unit},
-        "at": dict(found.at),
-        "amplitude": found.amplitude,
-        "slew_rate": found.slew_rate,
-        "small_signals": asdict(found.small) if found.small else None,
-        "at_amplitude": asdict(found.large) if found.large else None,
-        "missing": list(found.missing),
-        "step": asdict(found.step),
+        "input": {"name": figures.input, "unit": wires[figures.input].unit},
+        "output": {"name": figures.output, "unit": wires[figures.output].unit},
+        "at": dict(figures.at),
+        "amplitude": figures.amplitude,
+        "slew_rate": figures.slew_rate,
+        "small_signals": asdict(figures.small) if figures.small else None,
+        "at_amplitude": asdict(figures.large) if figures.large else None,
+        "missing": list(figures.missing),
+        "step": asdict(figures.step),
         "state_space": linear and _matrices(linear),
         "parameters": dict(model.values),
     }
@@ -153,32 +153,32 @@ def _matrices(linear: LinearModel) -> dict[str, Any]:
 
 
 @report_of.register(Figures)
-def _report(found: Figures, date: str = "") -> Report:
+def _report(figures: Figures, date: str = "") -> Report:
     """Return figures of merit, and the state space that they are of."""
-    model, linear = found.model, found.linear
-    wire = model.plant.wire[found.output]
-    figures = Table(
-        "Figures of merit", ("figure", "small signals", _size(found)), tuple(_rows(found))
+    model, linear = figures.model, figures.linear
+    wire = model.plant.wire[figures.output]
+    merits = Table(
+        "Figures of merit", ("figure", "small signals", _size(figures)), tuple(_rows(figures))
     )
-    step = step_table(wire, found.step, f"Step of {_size(found)}")
+    step = step_table(wire, figures.step, f"Step of {_size(figures)}")
     return Report(
-        f"{model.actuator.name}, variant {model.variant}: {found.input} to {found.output}",
-        _sentence(found),
+        f"{model.actuator.name}, variant {model.variant}: {figures.input} to {figures.output}",
+        _sentence(figures),
         remarks=(
             *_origin(model),
-            _working_point(found),
+            _working_point(figures),
             DEFINITIONS,
-            *(f"{why[0].upper()}{why[1:]}." for why in found.missing),
+            *(f"{why[0].upper()}{why[1:]}." for why in figures.missing),
         ),
         sections=(
             Section(
                 "Response",
-                tables=(figures, step),
-                pictures=(_bode(found, linear),) if linear and found.small else (),
+                tables=(merits, step),
+                pictures=(_bode(figures, linear),) if linear and figures.small else (),
             ),
             Section(
                 "State space",
-                tables=(*_state_space(linear), _left_out(found, linear)) if linear else (),
+                tables=(*_state_space(linear), _left_out(figures, linear)) if linear else (),
                 folded=True,
             ),
         ),
@@ -186,39 +186,41 @@ def _report(found: Figures, date: str = "") -> Report:
     )
 
 
-def _sentence(found: Figures) -> str:
+def _sentence(measured: Figures) -> str:
     """Bandwidth and slew rate, the two that are asked for first."""
-    scale, unit = display(found.model.plant.wire[found.output])
-    slew = found.slew_rate and scale * found.slew_rate
-    size, figures = (_size(found), found.large) if found.large else ("small signals", found.small)
+    scale, unit = display(measured.model.plant.wire[measured.output])
+    slew = measured.slew_rate and scale * measured.slew_rate
+    size, figures = (
+        (_size(measured), measured.large) if measured.large else ("small signals", measured.small)
+    )
     bandwidth = _reached(figures.bandwidth, "Hz", 3) if figures else "unknown"
     return f"Bandwidth {bandwidth} at {size}, slew rate {_reached(slew, f'{unit}/s', 3)}"
 
 
-def _working_point(found: Figures) -> str:
-    wires = found.model.plant.wire
+def _working_point(figures: Figures) -> str:
+    wires = figures.model.plant.wire
     where = ", ".join(
-        f"{name} = {shown(wires[name], value, 5)}" for name, value in found.at.items()
+        f"{name} = {shown(wires[name], value, 5)}" for name, value in figures.at.items()
     )
     return f"Working point: {where or 'inputs at rest'}."
 
 
-def _size(found: Figures) -> str:
-    return f"±{shown(found.model.plant.wire[found.input], found.amplitude, 5)}"
+def _size(figures: Figures) -> str:
+    return f"±{shown(figures.model.plant.wire[figures.input], figures.amplitude, 5)}"
 
 
-def _rows(found: Figures) -> Iterator[tuple[Cell, ...]]:
+def _rows(figures: Figures) -> Iterator[tuple[Cell, ...]]:
     """Figures of small signals and of commands of the given size, side by side."""
-    wires = found.model.plant.wire
-    (into, per), (out, unit) = display(wires[found.input]), display(wires[found.output])
+    wires = figures.model.plant.wire
+    (into, per), (out, unit) = display(wires[figures.input]), display(wires[figures.output])
     gain = (out / into, f"{unit}/{per}" if per else unit)
-    small = _of_response(found.small, *gain) if found.small else []
-    large = _of_response(found.large, *gain) if found.large else []
+    small = _of_response(figures.small, *gain) if figures.small else []
+    large = _of_response(figures.large, *gain) if figures.large else []
     for left, right in itertools.zip_longest(small, large, fillvalue=("", "")):
         yield left[0] or right[0], left[1], right[1]
-    yield "slew rate", "", _reached(found.slew_rate and out * found.slew_rate, f"{unit}/s")
-    if wires[found.output].unit == "rad":
-        yield "slew time", "", _reached(found.slew_rate and SWING / found.slew_rate, "s/60 deg")
+    yield "slew rate", "", _reached(figures.slew_rate and out * figures.slew_rate, f"{unit}/s")
+    if wires[figures.output].unit == "rad":
+        yield "slew time", "", _reached(figures.slew_rate and SWING / figures.slew_rate, "s/60 deg")
 
 
 def _of_response(
@@ -255,11 +257,11 @@ def _state_space(linear: LinearModel) -> Iterator[Table]:
         yield Table(title, columns, tuple((name, *row) for name, row in zip(names, cells)))
 
 
-def _left_out(found: Figures, linear: LinearModel) -> Table:
+def _left_out(figures: Figures, linear: LinearModel) -> Table:
     """What A, B, C, D do not hold."""
     reasons = {name: "counted exactly in the small signals" for name in linear.delays}
     reasons |= linear.left_out
-    rows = tuple((name, _settings(found.model, name), why) for name, why in reasons.items())
+    rows = tuple((name, _settings(figures.model, name), why) for name, why in reasons.items())
     return Table("Not in A, B, C, D", ("effect", "", ""), rows)
 
 
@@ -271,25 +273,25 @@ def _settings(model: Model, effect: str) -> str:
     )
 
 
-def _bode(found: Figures, linear: LinearModel) -> Picture:
+def _bode(figures: Figures, linear: LinearModel) -> Picture:
     return Picture(
         "Gain over the static one, and phase",
-        partial(_draw_bode, found, linear),
-        f"Line: small signals. Circles: {_size(found)}, at the frequencies asked for.",
+        partial(_draw_bode, figures, linear),
+        f"Line: small signals. Circles: {_size(figures)}, at the frequencies asked for.",
         rows=2,
         height=4.2,
         shared=True,
     )
 
 
-def _draw_bode(found: Figures, linear: LinearModel, panels: Sequence[Axes]) -> None:
+def _draw_bode(figures: Figures, linear: LinearModel, panels: Sequence[Axes]) -> None:
     """The linear model as a line, the whole model as circles where it was measured."""
-    small, large = found.small, found.large
+    small, large = figures.small, figures.large
     assert small
     middle = small.bandwidth or small.phase_90 or 1.0 / (2.0 * math.pi * linear.slowest())
     top = min(SPAN * middle, 0.49 / linear.period if linear.period else math.inf)
     hertz = np.geomspace(middle / SPAN, top, FINE)
-    ratio = linear.response(hertz, found.input, found.output) / small.static_gain
+    ratio = linear.response(hertz, figures.input, figures.output) / small.static_gain
     phase = np.degrees(np.unwrap(np.angle(ratio)))
     lines = (20.0 * np.log10(np.abs(ratio)), phase)
     points = large.points if large else ()

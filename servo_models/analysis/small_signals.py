@@ -58,8 +58,8 @@ class SmallSignals:
         self._slot = {name: i for i, name in enumerate(names)}
         self._free = [i for i, (_, owner, _) in enumerate(flat.states) if owner not in neutral]
         active = (plant.main(name) for name in plant.placements if name not in neutral)
-        found = {link.name: link.effect.hints.small_signal for link in active}
-        self._linear = {name: linear for name, linear in found.items() if linear}
+        small_signal = {link.name: link.effect.hints.small_signal for link in active}
+        self._linear = {name: linear for name, linear in small_signal.items() if linear}
         wide = replace(flat, outputs=[*(rate for _, _, rate in flat.states), *flat.outputs])
         make = plain_make(step_text(wide, neutral))
         start, step = make(list(model.values.values()))
@@ -276,26 +276,26 @@ class Sampled(SmallSignals):
 
     @property
     def _clock(self) -> int:
-        found = plant_clocks(self.model)
-        if len(found) > 1:
+        clocks = plant_clocks(self.model)
+        if len(clocks) > 1:
             raise UserError(
                 f"actuator '{self.model.actuator.name}' has several clocks: no linear model"
             )
-        return self._slot[found[0]]
+        return self._slot[clocks[0]]
 
     def _more(self) -> list[tuple[str, str, float]]:
-        own = [
+        memories = [
             (f"{link.name}.{name}", owned(link.name, name))
             for link in self.model.plant.chain
             if not isinstance(link, Placement)
             for name, memory in link.memory.items()
             if type(memory) is Memory
         ]
-        memories = {
+        lagged = {
             n: (self._linear[n].output, self._linear[n].input) for n in self._of(FirstOrderLag)
         }
-        lags = [(f"{n}.{key}", owned(n, key)) for n, keys in memories.items() for key in keys]
-        return [(name, text, 1.0) for name, text in (*own, *lags)]
+        lags = [(f"{n}.{key}", owned(n, key)) for n, keys in lagged.items() for key in keys]
+        return [(name, text, 1.0) for name, text in (*memories, *lags)]
 
     def _values(self, x: list[float], u: list[float], channel: int, change: float) -> list[float]:
         before, after, split, slot = 0.0, 0.0, 0.0, 0
@@ -323,11 +323,11 @@ def plant_clocks(model: Model) -> list[str]:
     One that nothing needs, as that of a controller without I and D gains, is due at no time.
     """
     flat, values = model.flat, list(model.values.values())
-    own = {name for name, owner in flat.clocks if not owner}
-    if not own:
+    of_plant = {name for name, owner in flat.clocks if not owner}
+    if not of_plant:
         return []
     start, step = plain_make(step_text(flat, neutral_effects(flat, values)))(values)
     state = start()
     step(state, [float(wire.rest) for wire in model.plant.inputs], 0.0, 0.0)
     entries = enumerate((name for name, _ in flat.memory), len(flat.states))
-    return [name for i, name in entries if name in own and math.isfinite(state[i])]
+    return [name for i, name in entries if name in of_plant and math.isfinite(state[i])]

@@ -26,10 +26,10 @@ def rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def correlations(one: Array, other: Array, lags: int) -> Array:
-    """Return sum(one[t] other[t - k]) / n for k = 0 ... lags, shape (lags + 1,)."""
-    n = len(one)
-    return np.array([float(one[k:] @ other[: n - k]) / n for k in range(min(lags, n - 1) + 1)])
+def correlations(values: Array, other: Array, lags: int) -> Array:
+    """Return sum(values[t] other[t - k]) / n for k = 0 ... lags, shape (lags + 1,)."""
+    n = len(values)
+    return np.array([float(values[k:] @ other[: n - k]) / n for k in range(min(lags, n - 1) + 1)])
 
 
 def _span(seen: Mask) -> slice:
@@ -87,13 +87,13 @@ def cross_correlation(
     values = (residuals if seen is None else np.where(seen, residuals, 0.0))[span]
     u, n = given[span] - np.mean(given[span]), len(values)
     # zeros where nothing is seen count in both: so many pairs fewer in the variance of the sum
-    own = autocovariance(values)
-    drive = correlations(u, u, min(len(own) - 1, n // 4))
+    covariance = autocovariance(values)
+    drive = correlations(u, u, min(len(covariance) - 1, n // 4))
     k = len(drive)
-    variance = own[0] * drive[0] + 2.0 * float(own[1:k] @ drive[1:k])
+    variance = covariance[0] * drive[0] + 2.0 * float(covariance[1:k] @ drive[1:k])
     if variance <= 0.0:
         return np.zeros(min(lags, n - 1) + 1), 0.0
-    size = n * math.sqrt(own[0] * drive[0])
+    size = n * math.sqrt(covariance[0] * drive[0])
     return _sums(values, u)[: lags + 1] / size, math.sqrt(n * variance) / size
 
 
@@ -193,11 +193,11 @@ def autocorrelation(errors: Array) -> Array:
     return correlation / correlation[0] if correlation[0] > 0.0 else correlation[:0]
 
 
-def _sums(one: Array, other: Array) -> Array:
-    """Return sum(one[t] other[t - k]) for k = 0 ... n - 1, shape (n,), as fast as many lags ask."""
-    n = len(one)
+def _sums(values: Array, other: Array) -> Array:
+    """Return sum(values[t] other[t - k]) for k = 0 ... n - 1, shape (n,), by FFT."""
+    n = len(values)
     size = 2 ** int(np.ceil(np.log2(2 * n)))
-    product = np.fft.rfft(one, size) * np.fft.rfft(other, size).conj()
+    product = np.fft.rfft(values, size) * np.fft.rfft(other, size).conj()
     return np.asarray(np.fft.irfft(product, size)[:n])
 
 

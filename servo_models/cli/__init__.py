@@ -44,12 +44,12 @@ class Commands(TyperGroup):
     """Sub-commands; a wrong name meets the same sentence as any other wrong name."""
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        found = super().get_command(ctx, cmd_name)
-        if found is None and not ctx.resilient_parsing:
+        command = super().get_command(ctx, cmd_name)
+        if command is None and not ctx.resilient_parsing:
             raise UserError(
                 f"unknown command '{cmd_name}'; {did_you_mean(cmd_name, self.commands)}"
             )
-        return found
+        return command
 
 
 app = typer.Typer(

@@ -67,9 +67,9 @@ def check(
     from servo_models.identification.check import check as run
 
     with progress("checking"):
-        found = run(read_description(file, trust))
-    show(found.report())
-    return 1 if found.warnings else 0
+        result = run(read_description(file, trust))
+    show(result.report())
+    return 1 if result.warnings else 0
 
 
 def _init(file: Path, out: Path | None, actuator: str | None, trust: bool) -> int:

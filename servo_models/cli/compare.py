@@ -42,6 +42,6 @@ def compare(
 
     check_outputs((report, ".html"), (json, ".json"), description=on)
     with progress("comparing"):
-        found = run(files, on, trust)
-    write_result(found, json=json, report=report)
-    show(found.report())
+        result = run(files, on, trust)
+    write_result(result, json=json, report=report)
+    show(result.report())

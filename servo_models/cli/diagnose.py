@@ -115,28 +115,28 @@ def diagnose(
                 print(f"{text}{'' if quick else '; refining'}", file=sys.stderr, flush=True)
 
         rig = read_description(description, trust)
-        found = run(rig, allowed, seed, jobs, tell=tell, fmu=True, time_limit=limit, quick=quick)
+        result = run(rig, allowed, seed, jobs, tell=tell, fmu=True, time_limit=limit, quick=quick)
         folders = {path.parent for path in (json, report) if path}
         try:
             bar(0, None, "looking for the next experiment")
-            found = found.with_commands(*folders)
+            result = result.with_commands(*folders)
         except KeyboardInterrupt:  # the search is over, and nothing of it is to be lost
-            found = found.without_next(BY_CTRL_C)
+            result = result.without_next(BY_CTRL_C)
     today = date.today()
-    write_result(found, json=json, report=report)
+    write_result(result, json=json, report=report)
     if out:
-        write_parameters(found.parameter_set(today), out)
+        write_parameters(result.parameter_set(today), out)
     if signals:
-        found.write_signals(signals)
-    if map_ and found.residual_map:
-        write_parameters(found.map_parameter_set(today), map_)
+        result.write_signals(signals)
+    if map_ and result.residual_map:
+        write_parameters(result.map_parameter_set(today), map_)
     if format_ is Format.JSON:
-        print(found.to_json())
+        print(result.to_json())
     elif format_ is Format.GITHUB:
-        print_commands(github(found))
+        print_commands(github(result))
     else:
-        show(found.report())
-    return 0 if found.within_tolerance else GAP_FOUND
+        show(result.report())
+    return 0 if result.within_tolerance else GAP_FOUND
 
 
 def _check_signals(path: Path, description: Path) -> None:

@@ -67,10 +67,10 @@ def export(
             raise UserError(f"'{out}' is read, not written: choose another name")
         check_writable(out)
     with progress(f"fitting {to}"):
-        found = run(params, to, log, time_step, trust)
+        result = run(params, to, log, time_step, trust)
     if out:
-        write_whole(out, found.lines.encode())
+        write_whole(out, result.lines.encode())
         print(f"wrote '{out}'\n")
     else:
-        print(found.lines)
-    show(export_report(found))
+        print(result.lines)
+    show(export_report(result))

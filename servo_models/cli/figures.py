@@ -83,16 +83,16 @@ def figures(
         pictures.check_suffix(plot)
     chosen = chosen_model(actuator, variant, set_, params, trust)
     with progress(f"measuring {chosen.actuator.name}"):
-        found = measure(chosen, assignments("--at", at or ()), amplitude, frequency or ())
-    show(found.report())
+        measured = measure(chosen, assignments("--at", at or ()), amplitude, frequency or ())
+    show(measured.report())
     if out:
-        found.write(out)
+        measured.write(out)
     if plot:
         sets = {chosen.variant: chosen}
         sets |= {it.stem: read_parameters(it, trust).model() for it in beside or ()}
         if {it.plant.wire.keys() != chosen.plant.wire.keys() for it in sets.values()} != {False}:
             raise UserError("--beside: give parameter files of the same actuator")
         with progress(f"drawing {plot}"):
-            pictures.save(pictures.small_signals(sets, found.at), plot)
+            pictures.save(pictures.small_signals(sets, measured.at), plot)
     elif beside:
         raise UserError("--beside is drawn: add --plot FILE")

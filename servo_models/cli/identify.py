@@ -67,21 +67,21 @@ def identify(
     names = [name.strip() for name in free.split(",") if name.strip()]
     with progress("identifying") as bar:
         told = read_description(description, trust)
-        found = run(told, names, search, starts, seed, jobs, lambda it: bar(0, None, it))
+        outcome = run(told, names, search, starts, seed, jobs, lambda it: bar(0, None, it))
     written = []
     try:  # files come first: whoever reads the text may have seen enough and go
-        if out and found.parameters:
-            found.write_parameters(out)
+        if out and outcome.parameters:
+            outcome.write_parameters(out)
             written.append(f"parameters: {out}")
         if report:
-            write_result(found, report=report)
+            write_result(outcome, report=report)
             written.append(f"report: {report}")
     finally:
-        show(found.report())
+        show(outcome.report())
         for line in written:
             print(line)
-    if out and not found.parameters:
+    if out and not outcome.parameters:
         raise UserError(
             f"'{out}' is not written: no parameter of this actuator was found this way, see above"
         )
-    return 0 if found.believable else NOT_BELIEVABLE
+    return 0 if outcome.believable else NOT_BELIEVABLE

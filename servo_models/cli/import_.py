@@ -42,8 +42,8 @@ def import_(
     from servo_models.simulators.nominal import nominal
 
     check_outputs((out, ".toml"))
-    found = nominal(file, inertia)
+    parameters = nominal(file, inertia)
     if out:
-        write_parameters(found, out)
+        write_parameters(parameters, out)
         print(f"wrote '{out}': name it in a description, params = \"{out.name}\"")
-    show(parameter_report(found))
+    show(parameter_report(parameters))

@@ -76,15 +76,15 @@ def assignments(option: str, texts: Iterable[str]) -> dict[str, str]:
     Raises:
         UserError: a text without a name, ``=`` or value, or a name given twice.
     """
-    found: dict[str, str] = {}
+    values: dict[str, str] = {}
     for text in texts:
         name, equals, value = (part.strip() for part in text.partition("="))
         if not (name and equals and value):
             raise UserError(f"{option} '{text}': write NAME=VALUE, such as {option} {EXAMPLE}")
-        if name in found:
+        if name in values:
             raise UserError(f"{option} '{name}' is given twice: keep one")
-        found[name] = value
-    return found
+        values[name] = value
+    return values
 
 
 EXAMPLE = "load_torque='20 mN.m'"
@@ -125,16 +125,16 @@ def _typed(ctx: typer.Context) -> list[Any]:
     return [all_actuators()[word] for word in words if word in all_actuators()]
 
 
-def write_result(found: Result, *, json: Path | None = None, report: Path | None = None) -> None:
+def write_result(result: Result, *, json: Path | None = None, report: Path | None = None) -> None:
     """Write the files that ``--json`` and ``--report`` name."""
     from datetime import date
 
     from servo_models.files import write_whole
 
     if json:
-        write_whole(json, f"{found.to_json()}\n".encode())
+        write_whole(json, f"{result.to_json()}\n".encode())
     if report:
-        found.write_report(report, date.today().isoformat())
+        result.write_report(report, date.today().isoformat())
 
 
 def file_option(about: str) -> Any:

@@ -39,7 +39,7 @@ def sample(
 
     if out:
         check_suffix(out)
-    found = draw(read_parameters(params, trust), count, seed)
+    samples = draw(read_parameters(params, trust), count, seed)
     if out:
-        found.write(out)
-    show(found.report())
+        samples.write(out)
+    show(samples.report())

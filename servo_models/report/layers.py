@@ -166,8 +166,8 @@ def _layers(sizes: Sequence[Point], nets: Sequence[Net]) -> list[int]:
 
 def _reached(boxes: list[int], follows: Sequence[set[int]]) -> list[int]:
     """Boxes and all that follows them, the nearest first."""
-    for one in boxes:
-        boxes += [after for after in sorted(follows[one]) if after not in boxes]
+    for box in boxes:
+        boxes += [after for after in sorted(follows[box]) if after not in boxes]
     return boxes
 
 
@@ -225,9 +225,9 @@ def _order(rows: list[list[_Item]], channels: list[_Channel]) -> None:
     rows[:] = best
 
 
-def _apart(one: _Item, other: _Item) -> float:
+def _apart(left: _Item, right: _Item) -> float:
     """How far the middles of two neighbours are from one another, at least."""
-    return (one.width + other.width) / 2 + (GAP if one.width and other.width else LANE)
+    return (left.width + right.width) / 2 + (GAP if left.width and right.width else LANE)
 
 
 def _span(wire: Sequence[_End]) -> Point:
@@ -252,7 +252,7 @@ def _place(
 
     at = {item: variable() for row in rows for item in row}
     for row in rows:
-        steps += [(at[one], at[other], _apart(one, other)) for one, other in pairwise(row)]
+        steps += [(at[left], at[right], _apart(left, right)) for left, right in pairwise(row)]
     entries: dict[_Item, list[tuple[float, int, _End]]] = {item: [] for item in at}
     where: dict[_End, tuple[int, float]] = {}
     for wire in (wire for channel in channels for wire in channel.values()):
@@ -267,13 +267,13 @@ def _place(
             steps += [(low, place, -offset), (place, high, offset)]
             where[end] = place, offset
     for pair in apart:
-        (one, offset), (other, further) = (where[end] for end in sorted(pair, key=lambda e: e.x))
-        steps.append((one, other, offset - further + LANE / 2))
+        (left, offset), (right, further) = (where[end] for end in sorted(pair, key=lambda e: e.x))
+        steps.append((left, right, offset - further + LANE / 2))
     for item, met in entries.items():
         steps.append((at[item], 0, item.width / 2))
         margin = min(LANE, item.width / (len(met) + 1))
         order = [place for _, place, _ in sorted(met, key=lambda entry: entry[0])]
-        steps += [(one, other, margin) for one, other in pairwise(order)]
+        steps += [(left, right, margin) for left, right in pairwise(order)]
         steps += [(at[item], place, margin - item.width / 2) for place in order[:1]]
         steps += [(place, at[item], margin - item.width / 2) for place in order[-1:]]
     differences = np.zeros((len(steps), len(cost)))
@@ -284,12 +284,12 @@ def _place(
     bounds = np.column_stack([least, np.full(len(cost), np.inf)])
     from scipy.optimize import linprog  # late: it loads for longer than a diagnosis takes
 
-    found = linprog(cost, differences, [-step for *_, step in steps], bounds=bounds).x.tolist()
+    solution = linprog(cost, differences, [-step for *_, step in steps], bounds=bounds).x.tolist()
     for item, place in at.items():
-        item.x = found[place]
+        item.x = solution[place]
         for _, entry, end in entries[item]:
-            end.offset = found[entry] - item.x
-    return float(found[0])
+            end.offset = solution[entry] - item.x
+    return float(solution[0])
 
 
 def _tracks(channel: _Channel) -> tuple[dict[int, int], list[tuple[_End, _End]]]:
@@ -299,13 +299,13 @@ def _tracks(channel: _Channel) -> tuple[dict[int, int], list[tuple[_End, _End]]]
     """
     spans = {k: _span(wire) for k, wire in channel.items()}
     upon = {
-        (one, other): [
+        (above, below): [
             (upper, lower)
-            for upper in channel[one]
-            for lower in channel[other]
+            for upper in channel[above]
+            for lower in channel[below]
             if upper.below and not lower.below and abs(upper.x - lower.x) < LANE / 2 - TINY
         ]
-        for one, other in permutations(channel, 2)
+        for above, below in permutations(channel, 2)
     }
     tracks: dict[int, int] = {}
     clashes: list[tuple[_End, _End]] = []

@@ -118,25 +118,25 @@ def read(content: bytes, joint: str, inertia: float) -> Nominal:
     """
     if joint:
         raise UserError(f"all servos of SITL share {PREFIX}SPEED: leave out '#{joint:.40}'")
-    found = {"SPEED": DEFAULT_SPEED_S, "DELAY": 0.0, "FILTER": 0.0}
+    settings = {"SPEED": DEFAULT_SPEED_S, "DELAY": 0.0, "FILTER": 0.0}
     told = set()
     for line in content.decode("utf-8", errors="replace").splitlines():
         name, *rest = line.partition("#")[0].replace(",", " ").replace("=", " ").split()[:2] or [""]
         key = name.upper().removeprefix(PREFIX)
-        if name.upper() == f"{PREFIX}{key}" and key in found:
-            found[key] = numbers(" ".join(rest), 1, name)[0]
+        if name.upper() == f"{PREFIX}{key}" and key in settings:
+            settings[key] = numbers(" ".join(rest), 1, name)[0]
             told.add(key)
     if not told:
         raise UserError(f"none of {PREFIX}SPEED, {PREFIX}DELAY, {PREFIX}FILTER in it: give a .parm")
-    origin = {key: f"{PREFIX}{key}{'' if key in told else ', its default'}" for key in found}
-    speed, cutoff = found["SPEED"], found["FILTER"]
+    origin = {key: f"{PREFIX}{key}{'' if key in told else ', its default'}" for key in settings}
+    speed, cutoff = settings["SPEED"], settings["FILTER"]
     if cutoff > 0.0:
         values = follower(origin["FILTER"], 2.0 * math.pi * cutoff, BUTTERWORTH)
     else:
         values = follower(f"SITL, which no load moves, without {PREFIX}FILTER")
-    late = max(found["DELAY"] - SIMULATOR.step, 0.0)
+    late = max(settings["DELAY"] - SIMULATOR.step, 0.0)
     values[TRANSPORT_DELAY] = (late, f"{origin['DELAY']}, less a step of {SIMULATOR.step:.3g} s")
-    if cutoff > 0.0 or found["DELAY"] > 0.0:
+    if cutoff > 0.0 or settings["DELAY"] > 0.0:
         rate = ARC / speed if speed > 0.0 else 0.0
         values["rate_limit.rate"] = (rate, f"60 degrees / {origin['SPEED']}")
     else:

@@ -54,21 +54,21 @@ def read(content: bytes, joint: str, inertia: float) -> Nominal:
         return numbers(str(told.get(key, 0.0)), 1, key)[0]
 
     keys = {**KEYS, **(OF_STRIBECK if model in STRIBECK else {})}
-    found: Values = {
+    values: Values = {
         parameter: (factor * value(key), f"{key} of BAM")
         for key, (parameter, factor) in keys.items()
         if told.get(key) is not None
     }
-    found["inertia"] = (value("armature") + inertia, "armature of BAM, and --inertia")
+    values["inertia"] = (value("armature") + inertia, "armature of BAM, and --inertia")
     if model in LOAD_DEPENDENT:
         share = 2.0 * value("load_friction_base")
         share += value("load_friction_motor") + value("load_friction_external")
-        found["load_friction.coefficient"] = (share, "load_friction of BAM, motor and load alike")
+        values["load_friction.coefficient"] = (share, "load_friction of BAM, motor and load alike")
     supply = f"vin = {value('vin'):g} V" if "vin" in told else "vin"
     warnings = [f"{supply} of BAM is an input of ours: state it as a constant of the logs"]
     if model in STRIBECK and "alpha" in told:
         warnings.append(f"alpha = {value('alpha'):g} of BAM is 2 in ours")
-    return Nominal(found, warnings=tuple(warnings))
+    return Nominal(values, warnings=tuple(warnings))
 
 
 READER = Reader("BAM", (".json",), b"kt", read)

@@ -142,10 +142,10 @@ def _described(path: Path, given: ParameterSet, trust: bool) -> Description:
 def _stated(model: Model, logs: Sequence[Log]) -> dict[str, float]:
     """Parameters that all logs state, as one joint cannot have several."""
     stated = {
-        name: it.constants[name] for it in logs for name in it.constants.keys() & model.values
+        name: log.constants[name] for log in logs for name in log.constants.keys() & model.values
     }
     for name, value in stated.items():
-        if any(it.constants.get(name, model.values[name]) != value for it in logs):
+        if any(log.constants.get(name, model.values[name]) != value for log in logs):
             raise UserError(
                 f"logs state several '{name}': describe those of one value by themselves"
             )
@@ -153,10 +153,10 @@ def _stated(model: Model, logs: Sequence[Log]) -> dict[str, float]:
 
 
 def _errors(runs: Sequence[Run], angles: Sequence[Array]) -> list[Errors]:
-    def rms(one: Array | None, other: Array | None, run: Run) -> float | None:
-        if one is None or other is None:
+    def rms(response: Array | None, other: Array | None, run: Run) -> float | None:
+        if response is None or other is None:
             return None
-        return float(np.sqrt(np.mean((one - other)[run.counted] ** 2)))
+        return float(np.sqrt(np.mean((response - other)[run.counted] ** 2)))
 
     return [
         Errors(

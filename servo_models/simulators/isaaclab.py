@@ -177,14 +177,14 @@ def read(content: bytes, joint: str, inertia: float) -> Nominal:
     origin = f"'{name}'"
     carried = inertia + value("armature")
     damping = value("damping")
-    found = servo(value("stiffness"), damping, 0.0, value(*EFFORT), carried, origin)
+    values = servo(value("stiffness"), damping, 0.0, value(*EFFORT), carried, origin)
     if value(*SPEED):
-        found["speed_limit"] = (min(value(*SPEED), FASTEST), f"{SPEED[0]} of {origin}")
-    found["coulomb_friction.level"] = (value("friction"), f"friction of {origin}")
+        values["speed_limit"] = (min(value(*SPEED), FASTEST), f"{SPEED[0]} of {origin}")
+    values["coulomb_friction.level"] = (value("friction"), f"friction of {origin}")
     steps = 0.5 * (value("min_delay") + value("max_delay"))
     told = f"mean delay of {origin}, {steps:g} steps of {SIMULATOR.step:g} s: scale it to yours"
-    found[TRANSPORT_DELAY] = (steps * SIMULATOR.step, told)
-    return Nominal(found)
+    values[TRANSPORT_DELAY] = (steps * SIMULATOR.step, told)
+    return Nominal(values)
 
 
 def _resolved(node: ast.expr | None, constants: Mapping[str, ast.expr]) -> ast.expr | None:

@@ -141,20 +141,20 @@ def read(content: bytes, joint: str, inertia: float) -> Nominal:
     scale = math.radians(1.0) if _in_degrees(element, name) else 1.0
     delay = element.find(DELAY)
     frames = delay is not None and delay.get("type") == "frames"
-    found = follower(f"{origin}, which no load moves")
+    values = follower(f"{origin}, which no load moves")
     late = max(value(DELAY) * (SIMULATOR.step if frames else 1.0) - SIMULATOR.step, 0.0)
-    found[TRANSPORT_DELAY] = (late, f"delay of {origin}, less a frame of {SIMULATOR.step:.3g} s")
+    values[TRANSPORT_DELAY] = (late, f"delay of {origin}, less a frame of {SIMULATOR.step:.3g} s")
     for parameter, key, factor in (
         ("rate_limit.rate", "rate_limit", scale),
         ("backlash.half_width", "hysteresis_width", 0.5 * scale),
         ("command_offset.value", "bias", scale),
     ):
-        found[parameter] = (factor * value(key), f"{key} of {origin}")
+        values[parameter] = (factor * value(key), f"{key} of {origin}")
     lag = value("lag")
-    found["command_lag.time_constant"] = (1.0 / lag if lag else 0.0, f"1 / lag of {origin}")
+    values["command_lag.time_constant"] = (1.0 / lag if lag else 0.0, f"1 / lag of {origin}")
     if value("deadband_width"):
         raise UserError(f"{origin} has a deadband_width, a dead zone about 0: leave it out")
-    return Nominal(found)
+    return Nominal(values)
 
 
 def _in_degrees(element: ET.Element, name: str) -> bool:

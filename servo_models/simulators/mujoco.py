@@ -152,23 +152,23 @@ def read(content: bytes, joint: str, inertia: float) -> Nominal:
     root = parsed(content)
     classes = _classes(root)
     joints = {
-        it.get("name", ""): (it, inherited)
-        for it, inherited in _joints(root, "main")
-        if it.get("name") and it.get("type", "hinge") == "hinge"
+        node.get("name", ""): (node, inherited)
+        for node, inherited in _joints(root, "main")
+        if node.get("name") and node.get("type", "hinge") == "hinge"
     }
     actuators = {
-        it.get("joint", ""): it
-        for it in root.iterfind("actuator/*")
-        if it.get("joint") in joints and (it.tag in DRIVES or it.get("joint") == joint)
+        node.get("joint", ""): node
+        for node in root.iterfind("actuator/*")
+        if node.get("joint") in joints and (node.tag in DRIVES or node.get("joint") == joint)
     }
     cure = "give an MJCF with a position or pid actuator on it, included files put in"
     if joint in joints and joint not in actuators:
         raise UserError(f"joint '{joint}' has no actuator: {cure}")
     name = chosen("hinge joint with a servo", joint, [*actuators], cure)
-    element, (own, inherited) = actuators[name], joints[name]
+    element, (hinge, inherited) = actuators[name], joints[name]
     if element.tag not in DRIVES:
         raise UserError(f"joint '{name}' is driven by <{element.tag:.20}>: {cure}")
-    at_joint = {**classes.get(own.get("class", inherited), {}).get("joint", {}), **own.attrib}
+    at_joint = {**classes.get(hinge.get("class", inherited), {}).get("joint", {}), **hinge.attrib}
     defaults = classes.get(element.get("class", "main"), {})
     drive = {key: it for tag in ALIKE for key, it in defaults.get(tag, {}).items()} | element.attrib
 
@@ -190,15 +190,15 @@ def read(content: bytes, joint: str, inertia: float) -> Nominal:
     low, high = numbers(drive.get("forcerange", "0 0"), 2, f"forcerange of joint '{name}'")
     origin = f"joint '{name}'"
     effort = abs(gear) * min(abs(low), abs(high))
-    found = servo(stiffness, clipped, damping, effort, carried, origin)
-    found[TRANSPORT_DELAY] = (value(drive, "delay"), f"delay of {origin}")
-    found["command_lag.time_constant"] = (value(drive, "timeconst"), f"timeconst of {origin}")
-    found["coulomb_friction.level"] = (
+    values = servo(stiffness, clipped, damping, effort, carried, origin)
+    values[TRANSPORT_DELAY] = (value(drive, "delay"), f"delay of {origin}")
+    values["command_lag.time_constant"] = (value(drive, "timeconst"), f"timeconst of {origin}")
+    values["coulomb_friction.level"] = (
         value(at_joint, "frictionloss"),
         f"frictionloss of {origin}",
     )
     if gear != 1.0:
-        found["gain"] = (1.0 / gear, f"1 / gear of {origin}")
+        values["gain"] = (1.0 / gear, f"1 / gear of {origin}")
     if "range" in at_joint and at_joint.get("limited", "auto") != "false":
         ends = numbers(at_joint["range"], 2, f"range of {origin}")
         compiler = root.find("compiler")
@@ -207,9 +207,9 @@ def read(content: bytes, joint: str, inertia: float) -> Nominal:
             raise UserError(f"compiler angle is '{unit:.20}': write degree or radian")
         scale = math.radians(1.0) if unit == "degree" else 1.0
         half = scale * min(abs(end) for end in ends)
-        found["end_stops.half_range"] = (half, f"nearer end of range of {origin}, in {unit}s")
+        values["end_stops.half_range"] = (half, f"nearer end of range of {origin}, in {unit}s")
     spring = value(at_joint, "stiffness") != 0.0
-    return Nominal(found, warnings=(f"{origin} has a spring, ours has none",) if spring else ())
+    return Nominal(values, warnings=(f"{origin} has a spring, ours has none",) if spring else ())
 
 
 def _joints(element: ET.Element, inherited: str) -> Iterator[tuple[ET.Element, str]]:
@@ -227,18 +227,18 @@ def _joints(element: ET.Element, inherited: str) -> Iterator[tuple[ET.Element, s
 
 def _classes(root: ET.Element) -> dict[str, dict[str, dict[str, str]]]:
     """Attributes by class and element, those of the classes around each put in."""
-    found: dict[str, dict[str, dict[str, str]]] = {}
+    classes: dict[str, dict[str, dict[str, str]]] = {}
     outermost: dict[str, dict[str, str]] = {}
     waiting = [(it, "main", outermost) for it in root.iterfind("default")]
     while waiting:
         element, name, outer = waiting.pop()
-        own = {tag: dict(attributes) for tag, attributes in outer.items()}
+        attributes = {tag: dict(values) for tag, values in outer.items()}
         for child in element:
             if child.tag != "default":
-                own.setdefault(child.tag, {}).update(child.attrib)
-        found[element.get("class", name)] = own
-        waiting += [(child, "", own) for child in element.iterfind("default")]
-    return found
+                attributes.setdefault(child.tag, {}).update(child.attrib)
+        classes[element.get("class", name)] = attributes
+        waiting += [(child, "", attributes) for child in element.iterfind("default")]
+    return classes
 
 
 SIMULATOR = Simulator("MuJoCo", 0.002, FIELDS, law, starts, HOLDS, lines)

@@ -41,35 +41,35 @@ def nominal(file: str, inertia: float | str = 0.0) -> ParameterSet:
     if carried < 0.0:
         raise UserError(f"inertia = {carried:g} kg.m2: give one of 0 or more")
     try:
-        found = readers()[kind].read(content, joint, carried)
-        actuator, variant = _target(found)
+        reading = readers()[kind].read(content, joint, carried)
+        actuator, variant = _target(reading)
         plant = actuator.plant_of(variant)
         estimates = tuple(
-            _estimate(plant, parameter, *told) for parameter, told in found.values.items()
+            _estimate(plant, parameter, *told) for parameter, told in reading.values.items()
         )
     except UserError as error:
         raise UserError(f"'{path}': {error}") from error
     method = f"read from '{path.name}', a file of {readers()[kind].title}"
-    return ParameterSet(actuator.key, variant, estimates, method=method, warnings=found.warnings)
+    return ParameterSet(actuator.key, variant, estimates, method=method, warnings=reading.warnings)
 
 
 def _kind(path: Path, content: bytes) -> str:
     """The reader whose file this is: by the end of its name, and by a mark where several are."""
-    found = [name for name, it in readers().items() if path.suffix.lower() in it.suffixes]
-    marked = [name for name in found if readers()[name].mark in content]
-    if not found:
+    by_suffix = [name for name, it in readers().items() if path.suffix.lower() in it.suffixes]
+    marked = [name for name in by_suffix if readers()[name].mark in content]
+    if not by_suffix:
         known = sorted({end for it in readers().values() for end in it.suffixes})
         raise UserError(f"'{path}' is of no known kind: its name may end in {', '.join(known)}")
-    return (marked or found)[0]
+    return (marked or by_suffix)[0]
 
 
-def _target(found: Nominal) -> tuple[Actuator, str]:
+def _target(reading: Nominal) -> tuple[Actuator, str]:
     """The actuator that has all parameters of what was read, and the variant of its command."""
     for actuator in actuators().values():
         for variant in actuator.variants:
             plant = actuator.plant_of(variant.name)
             command = plant.wire[variant.command or actuator.step[0]]
-            if command.unit == found.command and found.values.keys() <= plant.parameters.keys():
+            if command.unit == reading.command and reading.values.keys() <= plant.parameters.keys():
                 return actuator, variant.name
     raise UserError("no actuator of the catalogue has all of its parameters")
 

@@ -66,20 +66,20 @@ def servo(
     apart = clipped >= least
     damping = clipped if apart else max(clipped + free, least)
     ratio = damping / (2.0 * frequency * inertia)
-    found = follower(f"root of stiffness / inertia of {origin}", frequency, ratio)
+    values = follower(f"root of stiffness / inertia of {origin}", frequency, ratio)
     told = f"damping of {origin}" if damping > least else f"{origin} has less: the least of ours"
-    found["damping_ratio"] = (ratio, told)
-    found["inertia"] = (inertia, f"armature of {origin}, and --inertia")
+    values["damping_ratio"] = (ratio, told)
+    values["inertia"] = (inertia, f"armature of {origin}, and --inertia")
     if effort > 0.0 and free > 0.0 and not apart:
         speed = min(effort / damping, FASTEST)
-        found["speed_limit"] = (speed, f"force limit of {origin} / damping")
+        values["speed_limit"] = (speed, f"force limit of {origin} / damping")
     elif effort > 0.0:
         acceleration = min(effort / inertia, NO_LIMIT)
-        found["acceleration_limit"] = (acceleration, f"force limit of {origin} / inertia")
+        values["acceleration_limit"] = (acceleration, f"force limit of {origin} / inertia")
     if apart:
-        drag = free * found["speed_limit"][0]
-        found["viscous_friction.torque"] = (drag, f"damping of {origin} x speed_limit")
-    return found
+        drag = free * values["speed_limit"][0]
+        values["viscous_friction.torque"] = (drag, f"damping of {origin} x speed_limit")
+    return values
 
 
 def follower(origin: str, frequency: float = FAST, ratio: float = 1.0) -> Values:
@@ -122,8 +122,8 @@ def numbers(text: str, count: int, what: str) -> list[float]:
         UserError: others.
     """
     with contextlib.suppress(ValueError):
-        found = [float(word) for word in text.split()]
-        if len(found) == count and all(abs(number) < LARGEST for number in found):
-            return found
+        values = [float(word) for word in text.split()]
+        if len(values) == count and all(abs(number) < LARGEST for number in values):
+            return values
     amount = "a number" if count == 1 else f"{count} numbers"
     raise UserError(f"{what} is '{text:.40}': give {amount}")

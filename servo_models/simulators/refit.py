@@ -42,13 +42,13 @@ class Fit:
 
     def angles(self, values: Mapping[str, float]) -> list[Array]:
         """Return the angles [rad] of the law at the rows of each run."""
-        found = []
+        responses = []
         for run, grid, goal, load in zip(self.runs, self.grids, self.goals, self.loads):
             late = delayed(goal, values[DELAY])
             start = float(run.angle[0])
             angle = self.simulator.angles(values, self.step, late, load, self.inertia, start)
-            found.append(np.interp(run.times, grid, angle))
-        return found
+            responses.append(np.interp(run.times, grid, angle))
+        return responses
 
     def errors(self, values: Mapping[str, float]) -> Array:
         """Return the errors [rad] at all rows that count."""
@@ -65,17 +65,19 @@ class Fit:
     def searched(self, begin: Mapping[str, float], fixed: Sequence[str] = ()) -> dict[str, float]:
         """Return the values of least squares that a search finds; what is 0 stays off."""
         fields = [
-            it for it in self.simulator.fields if begin[it.name] != 0.0 and it.name not in fixed
+            field
+            for field in self.simulator.fields
+            if begin[field.name] != 0.0 and field.name not in fixed
         ]
         if not fields:
             return dict(begin)
-        low, high = (np.array([_coded(it, end) for it in fields]) for end in (-np.inf, np.inf))
-        first = np.array([_coded(it, begin[it.name]) for it in fields])
+        low, high = (np.array([_coded(f, end) for f in fields]) for end in (-np.inf, np.inf))
+        first = np.array([_coded(field, begin[field.name]) for field in fields])
 
         def values(code: Array) -> dict[str, float]:
-            return {**begin, **{it.name: _decoded(it, x) for it, x in zip(fields, code)}}
+            return {**begin, **{field.name: _decoded(field, x) for field, x in zip(fields, code)}}
 
-        found = least_squares(
+        optimum = least_squares(
             lambda code: self.errors(values(code)),
             np.clip(first, low + 1e-9, high - 1e-9),
             bounds=(low, high),
@@ -83,7 +85,7 @@ class Fit:
             diff_step=DIFFERENCE,
             max_nfev=MOST_EVALUATIONS,
         )
-        return values(found.x)
+        return values(optimum.x)
 
 
 def _linear(field: Field) -> bool:
@@ -139,9 +141,9 @@ def refitted(
     for shape in {tuple(name for name, value in it.items() if value) for it in guesses}:
         alike = [it for it in guesses if tuple(n for n, value in it.items() if value) == shape]
         best += sorted(alike, key=fit.cost)[:BEST_STARTS]
-    found = min((fit.searched(begin) for begin in best), key=fit.cost)
-    found = _whole(fit, found)
-    return _simplified(fit, found), fit
+    values = min((fit.searched(begin) for begin in best), key=fit.cost)
+    values = _whole(fit, values)
+    return _simplified(fit, values), fit
 
 
 def _whole(fit: Fit, values: Mapping[str, float]) -> dict[str, float]:

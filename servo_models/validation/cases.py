@@ -71,12 +71,12 @@ class Case:
 
 def offered(part: str) -> dict[str, ModuleType]:
     """Return the module ``part`` of every folder that has one, by folder."""
-    found = {}
+    modules = {}
     for folder in (one.name for one in pkgutil.iter_modules(validation.__path__) if one.ispkg):
         package = importlib.import_module(f"{validation.__name__}.{folder}")
         if part in {one.name for one in pkgutil.iter_modules(package.__path__)}:
-            found[folder] = importlib.import_module(f"{package.__name__}.{part}")
-    return found
+            modules[folder] = importlib.import_module(f"{package.__name__}.{part}")
+    return modules
 
 
 def all_cases() -> list[Case]:

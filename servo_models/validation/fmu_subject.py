@@ -192,8 +192,8 @@ class Subject(OpenFmu):
         Raises:
             FmuError: it stops, or its process does.
         """
-        with self.instance(chosen.values, float(times[0]), inputs[0]) as one:
-            return one.drive(times, inputs)
+        with self.instance(chosen.values, float(times[0]), inputs[0]) as running:
+            return running.drive(times, inputs)
 
     @contextmanager
     def instance(
@@ -202,21 +202,21 @@ class Subject(OpenFmu):
         """Yield a new instance that has left initialisation; free it afterwards."""
         self._check()
         self._started += 1
-        one = Instance(self, self._started, values, start, inputs)
+        running = Instance(self, self._started, values, start, inputs)
         try:
-            yield one
+            yield running
         except BaseException:
             with suppress(FmuError):  # the first failure is the one to tell
-                one.free()
+                running.free()
             raise
-        one.free()
+        running.free()
 
     def _obstacle(self) -> str:
         """Why it cannot be run, by its description."""
         plant = self.model.plant
         wanted = {wire.name for wire in plant.inputs} | {*plant.outputs, *plant.parameters}
-        found = {v.name for v in self.description.modelVariables if v.causality != "independent"}
-        if unlike := sorted(wanted ^ found):
+        named = {v.name for v in self.description.modelVariables if v.causality != "independent"}
+        if unlike := sorted(wanted ^ named):
             names = ", ".join(repr(name[:60]) for name in unlike[:3])
             more = f" and {len(unlike) - 3} more" if len(unlike) > 3 else ""
             return (
@@ -244,18 +244,18 @@ class Subject(OpenFmu):
     def _named_model(self, own: Actuator | None) -> Model:
         """Find the variant and the parameters by the start values."""
         name = self.description.modelName
-        found = own if own and own.name == name else of_catalogue(name)
+        actuator = own if own and own.name == name else of_catalogue(name)
         differing = {
             variant.name: sum(
                 value != self._starts.get(name)
-                for name, value in found.values(variant.name).items()
+                for name, value in actuator.values(variant.name).items()
             )
-            + len(self._starts.keys() - found.plant_of(variant.name).parameters.keys())
-            for variant in found.variants
+            + len(self._starts.keys() - actuator.plant_of(variant.name).parameters.keys())
+            for variant in actuator.variants
         }
         variant = min(differing, key=lambda name: differing[name])
-        known = found.plant_of(variant).parameters
-        return model(found, variant, {n: v for n, v in self._starts.items() if n in known})
+        known = actuator.plant_of(variant).parameters
+        return model(actuator, variant, {n: v for n, v in self._starts.items() if n in known})
 
 
 class Instance:

@@ -72,20 +72,20 @@ def _unlike_ours(subject: Subject) -> list[str]:
 
     Descriptions in words do not count, nor what tells who built it.
     """
-    found = ElementTree.parse(subject.folder / DESCRIPTION).getroot()
+    description = ElementTree.parse(subject.folder / DESCRIPTION).getroot()
     form, identity = form_of(subject.folder)
     wanted = ElementTree.fromstring(model_description(subject.model, form, identity, ""))
     problems = []
     version = form.version
-    if found.get(version.token) != token_of(found, identity, version):
+    if description.get(version.token) != token_of(description, identity, version):
         problems.append(f"'{version.token}' is not that of this description and this code")
     for part in ("CoSimulation", "UnitDefinitions", "ModelVariables", "ModelStructure"):
-        ours, theirs = (_elements(root, part) for root in (wanted, found))
+        ours, theirs = (_elements(root, part) for root in (wanted, description))
         if ours != theirs:
             nothing: Element = ("nothing", {})
             pairs = itertools.zip_longest(ours, theirs, fillvalue=nothing)
-            one, other = next((a, b) for a, b in pairs if a != b)
-            problems.append(f"{part} is not that of the actuator: {_difference(one, other)}")
+            expected, actual = next((a, b) for a, b in pairs if a != b)
+            problems.append(f"{part} is not that of the actuator: {_difference(expected, actual)}")
     return problems
 
 
@@ -98,8 +98,8 @@ def _elements(root: ElementTree.Element, part: str) -> list[Element]:
     ]
 
 
-def _difference(wanted: Element, found: Element) -> str:
-    (tag, ours), (other, theirs) = wanted, found
+def _difference(wanted: Element, actual: Element) -> str:
+    (tag, ours), (other, theirs) = wanted, actual
     names = [name for name in (*ours, *theirs) if ours.get(name) != theirs.get(name)]
     if tag != other or not names:
         return f"{other} in place of {tag}"
@@ -153,13 +153,13 @@ def _restored(subject: Subject, same_instance: bool) -> float:
     expected = subject.model.run(times, inputs)
     values, start = subject.model.values, float(times[0])
     with (
-        subject.instance(values, start, inputs[0]) as one,
+        subject.instance(values, start, inputs[0]) as spoiled,
         subject.instance(values, start, inputs[0]) as other,
     ):
-        one.drive(times[: middle + 1], inputs)
-        saved = one.saved()
-        one.drive(times, inputs, first=middle)
-        resumed = one if same_instance else other
+        spoiled.drive(times[: middle + 1], inputs)
+        saved = spoiled.saved()
+        spoiled.drive(times, inputs, first=middle)
+        resumed = spoiled if same_instance else other
         resumed.restore(saved)
         return difference(expected[middle:], resumed.drive(times, inputs, first=middle))
 
@@ -170,12 +170,12 @@ def _two_at_once(subject: Subject) -> float:
     both = [input_signals(subject.model, times, seed) for seed in (1, 2)]
     start, values = float(times[0]), subject.model.values
     with (
-        subject.instance(values, start, both[0][0]) as one,
-        subject.instance(values, start, both[1][0]) as other,
+        subject.instance(values, start, both[0][0]) as first,
+        subject.instance(values, start, both[1][0]) as second,
     ):
-        outs = [[one.outputs()], [other.outputs()]]
+        outs = [[first.outputs()], [second.outputs()]]
         for k in range(ROWS - 1):
-            for instance, inputs, out in zip((one, other), both, outs):
+            for instance, inputs, out in zip((first, second), both, outs):
                 instance.step(float(times[k]), float(times[k + 1] - times[k]), inputs[k])
                 out.append(instance.outputs())
     expected = [subject.model.run(times, inputs) for inputs in both]

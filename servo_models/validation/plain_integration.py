@@ -107,12 +107,12 @@ class PlainPlant:
         values: Mapping[str, float],
     ) -> None:
         reads: list[Key] = []
-        own = {argument: key for key, argument in block.keys.items()}
+        key_of = {argument: key for key, argument in block.keys.items()}
         for argument in inspect.signature(block.function).parameters:
             if argument in block.wires:
                 reads.append(placed.wire_of(argument) if placed else argument)
                 continue
-            key = own.get(argument, argument)
+            key = key_of.get(argument, argument)
             reads.append((number, key))
             if key in block.params:
                 name = f"{placed.name}.{key}" if placed else key
@@ -255,22 +255,22 @@ def integrate(
     Raises:
         UserError: a fault that a block raised.
     """
-    one = PlainPlant(plant, values)
-    now = one.inputs_set = float(times[0])
+    run = PlainPlant(plant, values)
+    now = run.inputs_set = float(times[0])
     passed, rows = [now], [0]
-    known, _ = one.look(now, 0.0, one.states, one.states, inputs[0])
-    out = [one.outputs(known)]
+    known, _ = run.look(now, 0.0, run.states, run.states, inputs[0])
+    out = [run.outputs(known)]
     for k, (begin, end) in enumerate(zip(times.tolist(), times[1:].tolist())):
         parts = (
-            1 if one.smooth else finer * max(1, math.ceil((end - begin) / one.internal_step - DUE))
+            1 if run.smooth else finer * max(1, math.ceil((end - begin) / run.internal_step - DUE))
         )
-        now = one.inputs_set = begin
+        now = run.inputs_set = begin
         for i in range(parts):
             goal = end if i + 1 == parts else begin + (end - begin) * (i + 1) / parts
             while now < goal:
-                now, known = one.advance(now, goal, inputs[k])
+                now, known = run.advance(now, goal, inputs[k])
                 passed.append(now)
-                out.append(one.outputs(known))
+                out.append(run.outputs(known))
         rows.append(len(passed) - 1)
     return Course(np.array(passed), np.array(out), np.array(rows))
 

@@ -184,13 +184,13 @@ def _timed(tried: Model, case: Case, columns: Array) -> tuple[float, Array]:
 
 def effects_off(model: Model) -> dict[str, list[Parameter]]:
     """Return the switches of every effect that is off, by effect."""
-    found: dict[str, list[Parameter]] = {}
+    switches_of: dict[str, list[Parameter]] = {}
     for parameter in model.plant.parameters.values():
         if parameter.param.switch:
-            found.setdefault(parameter.owner, []).append(parameter)
+            switches_of.setdefault(parameter.owner, []).append(parameter)
     return {
         owner: switches
-        for owner, switches in found.items()
+        for owner, switches in switches_of.items()
         if all(model.values[switch.name] == 0.0 for switch in switches)
     }
 
@@ -221,13 +221,13 @@ def plain_row(subject: Subject, chosen: Model, name: str) -> Row:
         coarse, fine = (
             integrate(chosen.plant, chosen.values, times, inputs, finer) for finer in (1, FINER)
         )
-        found = [run(chosen, times, inputs) for run in (Model.run, subject.run)]
+        runs = [run(chosen, times, inputs) for run in (Model.run, subject.run)]
     except UserError as error:
         return failure(MODEL, where, str(error), subject.name)
     except Exception as error:  # a block is anybody's Python
         reason = f"a block fails: {type(error).__name__}: {error}"
         return failure(MODEL, where, reason, subject.name)
-    value, limit, until = _compared(coarse, fine, found, chosen.values["internal_step"])
+    value, limit, until = _compared(coarse, fine, runs, chosen.values["internal_step"])
     quantity = "largest difference of any output"
     note = f"plain integration at 1/{FINER} of the internal step"
     if until < len(times):
@@ -240,20 +240,20 @@ def plain_row(subject: Subject, chosen: Model, name: str) -> Row:
 
 
 def _compared(
-    coarse: Course, fine: Course, found: list[Array], step: float
+    coarse: Course, fine: Course, responses: list[Array], step: float
 ) -> tuple[float, float, int]:
     """Largest difference, its limit, both of the range of an output, and the rows compared."""
     expected = fine.outputs[fine.rows]
     scale = np.ptp(fine.outputs, axis=0)
     scale[scale == 0.0] = np.maximum(np.abs(expected[0]), 1.0)[scale == 0.0]
-    own = np.max(np.abs(coarse.outputs[coarse.rows] - expected) / scale, axis=1)
-    unsure = np.flatnonzero(~(own <= LOOSE))
-    until = int(unsure[0]) if len(unsure) else len(own)
+    change = np.max(np.abs(coarse.outputs[coarse.rows] - expected) / scale, axis=1)
+    unsure = np.flatnonzero(~(change <= LOOSE))
+    until = int(unsure[0]) if len(unsure) else len(change)
     low, high = _tube(fine, step)
-    off = [np.maximum(np.maximum(low - got, got - high), 0.0) / scale for got in found]
-    off += [np.where(np.isfinite(got), 0.0, np.nan) for got in found]
+    off = [np.maximum(np.maximum(low - got, got - high), 0.0) / scale for got in responses]
+    off += [np.where(np.isfinite(got), 0.0, np.nan) for got in responses]
     value = float(np.max(np.array(off)[:, :until])) if until else 0.0
-    return value, FLOOR + SAFETY * float(np.max(own[:until], initial=0.0)), until
+    return value, FLOOR + SAFETY * float(np.max(change[:until], initial=0.0)), until
 
 
 def _tube(fine: Course, step: float) -> tuple[Array, Array]:
@@ -275,18 +275,18 @@ def _tube(fine: Course, step: float) -> tuple[Array, Array]:
     return low, high
 
 
-def named_cases(chosen: Model, each: bool) -> Mapping[str, Model]:
+def named_cases(chosen: Model, in_turn: bool) -> Mapping[str, Model]:
     """Return the models to look at, by name: as it is, then with effects.
 
     Args:
         chosen: the model.
-        each: whether every effect is switched on in turn, or all of them at once only.
+        in_turn: whether every effect is switched on in turn, or all of them at once only.
     """
     off = effects_off(chosen)
-    found = {"as it is": chosen}
-    if each:
-        found |= {f"{owner} on": switched_on(chosen, switches) for owner, switches in off.items()}
+    models = {"as it is": chosen}
+    if in_turn:
+        models |= {f"{owner} on": switched_on(chosen, switches) for owner, switches in off.items()}
     if off:
         every = [switch for switches in off.values() for switch in switches]
-        found["all effects on"] = switched_on(chosen, every, TOGETHER)
-    return found
+        models["all effects on"] = switched_on(chosen, every, TOGETHER)
+    return models

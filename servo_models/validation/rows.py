@@ -179,8 +179,8 @@ class Validation(Result):
     def claims(self) -> tuple[str, ...]:
         """What was claimed; of our own models always all."""
         used = {row.claim for row in self.rows}
-        own = OWN_CLAIMS if used & {*OWN_CLAIMS} or not used else ()
-        return tuple(claim for claim in CLAIMS if claim in used or claim in own)
+        always = OWN_CLAIMS if used & {*OWN_CLAIMS} or not used else ()
+        return tuple(claim for claim in CLAIMS if claim in used or claim in always)
 
     @property
     def passed(self) -> bool:

@@ -73,8 +73,8 @@ def validate(
 
     Example:
         >>> import servo_models as sm
-        >>> found = sm.validate([sm.model("gimbal.py")])
-        >>> found.passed
+        >>> result = sm.validate([sm.model("gimbal.py")])
+        >>> result.passed
         True
     """
     with ExitStack() as stack:
@@ -166,20 +166,20 @@ def _carries_reference(path: Path, limits: Limits) -> bool:
 
 
 def _fmu_jobs(subject: Subject) -> list[Job]:
-    own = subject.model
-    name = own.actuator.name
-    each = actuators().get(name) is not own.actuator  # those of the catalogue have references
+    model = subject.model
+    name = model.actuator.name
+    in_turn = actuators().get(name) is not model.actuator  # those of the catalogue have references
     return [
         (f"{name}: FMU against simulation", partial(implementation_rows, subject)),
         *(
             (f"{name}: blocks, {case_name}", partial(_plain_rows, subject, chosen, case_name))
-            for case_name, chosen in named_cases(own, each).items()
+            for case_name, chosen in named_cases(model, in_turn).items()
         ),
         *(
             (f"{name} {case.variant}: {case.name}", partial(_case_rows, case, subject))
             for case in all_cases()
             if case.actuator == name
-            and own.actuator.plant_of(case.variant).has_equations_of(own.plant)
+            and model.actuator.plant_of(case.variant).has_equations_of(model.plant)
         ),
     ]
 

@@ -296,9 +296,9 @@ def _what(validation: Validation) -> str:
 
 
 def _count(rows: Sequence[Row], actuator: str) -> str:
-    own = [row for row in rows if row.actuator == actuator]
-    named = sum(row.passed is None and row.claim == PAPER for row in own)
-    counts = [_passed(own)] if any(row.passed is not None for row in own) else []
+    of_actuator = [row for row in rows if row.actuator == actuator]
+    named = sum(row.passed is None and row.claim == PAPER for row in of_actuator)
+    counts = [_passed(of_actuator)] if any(row.passed is not None for row in of_actuator) else []
     return ", ".join([*counts, *([f"{named} not reproducible"] if named else [])])
 
 

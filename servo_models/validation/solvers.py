@@ -138,8 +138,8 @@ class LinearSystem:
         n, m = self.b.shape
         joint = np.zeros((n + m, n + m))
         joint[:n, :n], joint[:n, n:] = self.a * span, self.b * span
-        found: Array = expm(joint)[:n]
-        return found
+        transition: Array = expm(joint)[:n]
+        return transition
 
 
 Key = Hashable

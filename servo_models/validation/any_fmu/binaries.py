@@ -106,7 +106,7 @@ def _elf(content: bytes) -> Binary:
     _need(content[4:6] == b"\x02\x01", "no 64 bits, or the other byte order")
     kind, machine = struct.unpack_from("<HH", content, 16)
     _need(kind == 3, "no kind of a shared object")
-    found = Binary("ELF", ELF_MACHINES.get(machine, f"processor {machine}"))
+    binary = Binary("ELF", ELF_MACHINES.get(machine, f"processor {machine}"))
     table = struct.unpack_from("<Q", content, 40)[0]
     size, count = struct.unpack_from("<HH", content, 58)
     sections = [
@@ -115,20 +115,20 @@ def _elf(content: bytes) -> Binary:
     for _, kind, _, _, start, length, link, info, _, _ in sections:
         names = sections[link][4]
         if kind == SYMTAB:
-            found.has_local_symbols = True
+            binary.has_local_symbols = True
         elif kind == DYNSYM:
             for at in range(start + 24, start + length, 24):
                 name, _, _, section = struct.unpack_from("<IBBH", content, at)
-                (found.exports if section else found.imports).add(_text(content, names + name))
+                (binary.exports if section else binary.imports).add(_text(content, names + name))
         elif kind == DYNAMIC:
             for tag, value in struct.iter_unpack("<QQ", content[start : start + length]):
                 if tag in (DT_RPATH, DT_RUNPATH):
-                    found.search_paths.add(_text(content, names + value))
+                    binary.search_paths.add(_text(content, names + value))
                 if tag == DT_NEEDED:
-                    found.needs.add(_text(content, names + value))
+                    binary.needs.add(_text(content, names + value))
         elif kind == VERNEED:
-            found.newest_glibc = max(_versions(content, start, info, names), default=())
-    return found
+            binary.newest_glibc = max(_versions(content, start, info, names), default=())
+    return binary
 
 
 def _versions(content: bytes, start: int, count: int, names: int) -> list[tuple[int, ...]]:
@@ -163,7 +163,7 @@ def _pe(content: bytes) -> Binary:
     machine, count, stamp, symbols, _, size, flags = fields
     _need(bool(flags & DLL), "no kind of a DLL")
     machine_name = PE_MACHINES.get(machine, f"processor {machine:#x}")
-    found = Binary("PE", machine_name, has_local_symbols=symbols != 0)
+    binary = Binary("PE", machine_name, has_local_symbols=symbols != 0)
     option = head + 24
     _need(struct.unpack_from("<H", content, option) == (0x20B,), "no 64 bits")
     sections = [
@@ -185,15 +185,15 @@ def _pe(content: bytes) -> Binary:
     if start:
         amount, _, names = struct.unpack_from("<III", content, start + 24)
         for address in struct.unpack_from(f"<{amount}I", content, at(names)):
-            found.exports.add(_text(content, at(address)))
+            binary.exports.add(_text(content, at(address)))
     start, _ = directory(IMPORTS)
     while start and (name := struct.unpack_from("<I", content, start + 12)[0]):
-        found.needs.add(_text(content, at(name)))
+        binary.needs.add(_text(content, at(name)))
         start += 20
     start, length = directory(DEBUG)
     kinds = [struct.unpack_from("<I", content, start + at + 12)[0] for at in range(0, length, 28)]
-    found.dated = stamp != 0 and REPRODUCIBLE not in kinds
-    return found
+    binary.dated = stamp != 0 and REPRODUCIBLE not in kinds
+    return binary
 
 
 SYMBOLS, LIBRARY, SIGNATURE, OLDEST, OLDEST_MAC = 0x2, 0xC, 0x1D, 0x32, 0x24  # Mach-O load commands
@@ -203,7 +203,7 @@ DEBUGGING, PRIVATE, DEFINED, EXTERNAL = 0xE0, 0x10, 0xE, 0x1  # bits of a Mach-O
 def _mach(content: bytes) -> Binary:
     _, cpu, _, kind, count = struct.unpack_from("<IIIII", content)
     _need(kind in (6, 8), "no kind of a dynamic library or bundle")
-    found = Binary("Mach-O", MACH_MACHINES.get(cpu, f"processor {cpu:#x}"))
+    binary = Binary("Mach-O", MACH_MACHINES.get(cpu, f"processor {cpu:#x}"))
     start = 32
     for _ in range(count):
         command, size = struct.unpack_from("<II", content, start)
@@ -211,18 +211,18 @@ def _mach(content: bytes) -> Binary:
             first, amount, names, _ = struct.unpack_from("<IIII", content, start + 8)
             for at in range(first, first + 16 * amount, 16):
                 name, sort = struct.unpack_from("<IB", content, at)
-                found.has_local_symbols |= bool(sort & DEBUGGING)
+                binary.has_local_symbols |= bool(sort & DEBUGGING)
                 if sort & EXTERNAL and not sort & (DEBUGGING | PRIVATE):
-                    names_of = found.exports if sort & DEFINED else found.imports
+                    names_of = binary.exports if sort & DEFINED else binary.imports
                     names_of.add(_text(content, names + name).removeprefix("_"))
         elif command == LIBRARY:
             where = struct.unpack_from("<I", content, start + 8)[0]
-            found.needs.add(_text(content, start + where))
+            binary.needs.add(_text(content, start + where))
         elif command == SIGNATURE:
-            found.signed = True
+            binary.signed = True
         elif command in (OLDEST, OLDEST_MAC):
             version = struct.unpack_from("<I", content, start + (12 if command == OLDEST else 8))[0]
-            found.oldest_macos = (version >> 16, version >> 8 & 0xFF)
+            binary.oldest_macos = (version >> 16, version >> 8 & 0xFF)
         _need(size >= 8, "a load command without end")
         start += size
-    return found
+    return binary

@@ -345,12 +345,12 @@ class _Look:
         shifts = np.linspace(-longest, longest, 2 * count + 1)
         best = min(shifts, key=lambda shift: (left(shift), abs(shift)))
         width = longest / count
-        found = minimize_scalar(
+        optimum = minimize_scalar(
             left, bounds=(best - width, best + width), method="bounded", options={"xatol": 1e-9}
         )
-        if left(0.0) <= found.fun:
+        if left(0.0) <= optimum.fun:
             return 0.0, left(0.0)
-        return float(found.x), float(found.fun)
+        return float(optimum.x), float(optimum.fun)
 
     def gain(self, got: Array) -> tuple[float, float]:
         """Return the slope of a response over the reference, and what is left."""
@@ -381,14 +381,14 @@ class _Look:
             if self.range and self.gain(self.got)[0] < -INVERTED:
                 return f"is inverted: its gain is {number(self.gain(self.got)[0])}"
             return words or self._worst_words()
-        found = self._stands_still() or self._starts() or self._best(bool(words)) or words
-        if not found:
-            found = self._other_words()
+        cause = self._stands_still() or self._starts() or self._best(bool(words)) or words
+        if not cause:
+            cause = self._other_words()
             if figures[2].passed is False:
-                found += (
+                cause += (
                     f"; it starts at {self._value(self.got[0])}, not {self._value(self.right[0])}"
                 )
-        return found
+        return cause
 
     def _best(self, events: bool) -> str:
         """The single cause that leaves least, two where they leave far less, "" where none does.
@@ -558,22 +558,22 @@ def match(right: tuple[Array, Array], got: tuple[Array, Array], end: float) -> M
     kinds = [times[sizes > 0.0], times[sizes < 0.0]]
     gaps = [np.diff(kind).min() for kind in kinds if len(kind) > 1]
     reach = 0.5 * min(gaps) if gaps else math.inf
-    found = Matched([], [], [], [])
+    matched = Matched([], [], [], [])
     free = np.ones(len(got[0]), dtype=bool)
     for time, size in zip(times, sizes):
         far = np.where(free & (got[1] * size > 0.0), np.abs(got[0] - time), math.inf)
         nearest = int(np.argmin(far)) if len(far) else 0
         if not len(far) or not far[nearest] <= reach or math.isinf(far[nearest]):
-            found.missed.append(float(time))
+            matched.missed.append(float(time))
             continue
         free[nearest] = False
-        found.right.append(float(time))
-        found.late.append(float(got[0][nearest] - time))
-    found.extra.extend(got[0][free].tolist())
-    latest = max(found.late, default=0.0)
-    while found.missed and found.missed[-1] + latest > end:  # it comes after the run
-        found.missed.pop()
-    return found
+        matched.right.append(float(time))
+        matched.late.append(float(got[0][nearest] - time))
+    matched.extra.extend(got[0][free].tolist())
+    latest = max(matched.late, default=0.0)
+    while matched.missed and matched.missed[-1] + latest > end:  # it comes after the run
+        matched.missed.pop()
+    return matched
 
 
 def interchanged(
@@ -583,12 +583,12 @@ def interchanged(
 
     ``fits`` says whether the response of the first meets the reference of the second.
     """
-    failed = [one for one in compared if not one.passed]
+    failed = [output for output in compared if not output.passed]
     return [
-        (one, other)
-        for k, one in enumerate(failed)
+        (output, other)
+        for k, output in enumerate(failed)
         for other in failed[k + 1 :]
-        if fits(one, other) and fits(other, one)
+        if fits(output, other) and fits(other, output)
     ]
 
 

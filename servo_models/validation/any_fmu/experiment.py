@@ -147,23 +147,23 @@ def experiments(fmu: AnyFmu, against: Against) -> list[Experiment]:
     """
     inputs = Path(against.inputs) if against.inputs else None
     if against.reference:
-        found = [_of_files(fmu, Path(against.reference), inputs)]
+        chosen = [_of_files(fmu, Path(against.reference), inputs)]
     elif against.cross_check:
-        found = [_of_cross_check(fmu, Path(against.cross_check))]
+        chosen = [_of_cross_check(fmu, Path(against.cross_check))]
     else:
-        found = _of_its_own(fmu, inputs)
-    if against.write_cross_check and len(found) > 1:
+        chosen = _of_its_own(fmu, inputs)
+    if against.write_cross_check and len(chosen) > 1:
         raise UserError(
-            f"FMU '{fmu.path}' has {len(found)} experiments, and a Cross-Check is one: give one"
+            f"FMU '{fmu.path}' has {len(chosen)} experiments, and a Cross-Check is one: give one"
             " with --reference to write it"
         )
-    compared = {name: fmu.variables[name].unit for one in found for name in one.reference}
+    compared = {name: fmu.variables[name].unit for e in chosen for name in e.reference}
     if against.tolerance:
         tolerance = read_tolerance(Path(against.tolerance), compared, fmu.variables)
-        found = [_with(one, tolerance, fmu) for one in found]
+        chosen = [_with(experiment, tolerance, fmu) for experiment in chosen]
     if against.step is not None:
-        found = [replace(one, step=against.step) for one in found]
-    return found
+        chosen = [replace(experiment, step=against.step) for experiment in chosen]
+    return chosen
 
 
 def has_its_own(fmu: AnyFmu) -> bool:
@@ -215,24 +215,24 @@ def _table(fmu: AnyFmu, path: Path, role: str) -> dict[str, Trace]:
     columns.check_steps(1, times, np.arange(len(times)))
     if len(times) < 2 or times[0] == times[-1]:
         raise UserError(f"'{path}' has {len(times)} row(s), no run: give rows from start to stop")
-    found: dict[str, Trace] = {}
+    traces: dict[str, Trace] = {}
     for number, header in enumerate(columns.names[1:], start=2):
         name, scale = _heading(fmu, f"'{path}'", header)
         variable = fmu.named(name, f"'{path}'")
-        if name in found:
+        if name in traces:
             raise UserError(f"'{path}' has two columns '{name}': remove one")
         if role == "inputs" and variable.causality != "input":
             continue  # a table of a whole run
         if role == "reference" and variable.causality == "input":
             continue
-        found[name] = Trace(times, scale * columns.numbers(number), not variable.continuous)
-    if not found:
+        traces[name] = Trace(times, scale * columns.numbers(number), not variable.continuous)
+    if not traces:
         wanted = "input" if role == "inputs" else "output"
         known = [v.name for v in fmu.variables.values() if v.causality == wanted]
         raise UserError(
             f"'{path}' has no column for an {wanted} of the FMU: {', '.join(known[:8]) or 'none'}"
         )
-    return found
+    return traces
 
 
 def _heading(fmu: AnyFmu, place: str, header: str) -> tuple[str, float]:
@@ -242,16 +242,16 @@ def _heading(fmu: AnyFmu, place: str, header: str) -> tuple[str, float]:
     if header in fmu.variables or not match or match[1] not in fmu.variables:
         return header, 1.0
     name, unit = match.groups()
-    own = fmu.variables[name].unit
-    if unit == (own or "1"):
+    declared = fmu.variables[name].unit
+    if unit == (declared or "1"):
         return name, 1.0
-    if not own:
+    if not declared:
         raise UserError(
             f"{place}, column '{header}': the FMU gives '{name}' no unit: write the name alone,"
             " with values as the FMU has them"
         )
     try:
-        return name, factor(unit, own)
+        return name, factor(unit, declared)
     except UserError as error:
         raise UserError(f"{place}, column '{header}': {error}") from error
 
@@ -270,13 +270,13 @@ def _of_cross_check(fmu: AnyFmu, folder: Path) -> Experiment:
         raise UserError(
             f"'{folder}' has no {reference.name}; {did_you_mean(reference.name, others)}"
         )
-    found = _of_files(fmu, reference, inputs if inputs.is_file() else None)
+    experiment = _of_files(fmu, reference, inputs if inputs.is_file() else None)
     options = folder / f"{model}_ref.opt"
     if not options.is_file():
-        return found
+        return experiment
     given = _options(options)
     return replace(
-        found,
+        experiment,
         start=given.get("StartTime"),
         stop=given.get("StopTime"),
         step=given.get("StepSize") or None,  # 0 is a step of the tool's choice
@@ -289,21 +289,21 @@ OPTIONS = ("StartTime", "StopTime", "StepSize", "RelTol")
 
 def _options(path: Path) -> dict[str, float]:
     """Read lines of a name, a comma and a number."""
-    found = {}
+    options = {}
     text = path.read_bytes()[:LARGEST_TEXT].decode("utf-8-sig", "replace")
     for row, line in enumerate(text.splitlines(), start=1):
         name, _, value = line.strip().rstrip(",").replace("=", ",").partition(",")
         if name.strip() not in OPTIONS:
             continue  # tools write options of their own
         try:
-            found[name.strip()] = float(value)
+            options[name.strip()] = float(value)
         except ValueError:
             raise UserError(
                 f"'{path}', row {row}: '{value.strip()}' is no number; write {name.strip()},0.01"
             ) from None
-        if not np.isfinite(found[name.strip()]):
+        if not np.isfinite(options[name.strip()]):
             raise UserError(f"'{path}', row {row}: {value.strip()} is not finite; correct it")
-    return found
+    return options
 
 
 def write_cross_check(
@@ -346,15 +346,15 @@ def _of_its_own(fmu: AnyFmu, inputs: Path | None) -> list[Experiment]:
             " look at its files alone with --static-only"
         )
     try:
-        found = list(_read_manifest(fmu, manifest, inputs))
+        listed = list(_read_manifest(fmu, manifest, inputs))
     except (ValueError, IndexError, ElementTree.ParseError) as error:
         raise UserError(
             f"FMU '{fmu.path}': {OWN.as_posix()} cannot be read ({fmu.clean(str(error))}): give a"
             " reference with --reference ref.csv"
         ) from error
-    if not found:
+    if not listed:
         raise UserError(f"FMU '{fmu.path}': {OWN.as_posix()} names no experiment with references")
-    return found
+    return listed
 
 
 def _read_manifest(fmu: AnyFmu, manifest: Path, inputs: Path | None) -> Iterator[Experiment]:
@@ -393,10 +393,10 @@ def _of_element(
     references, stimuli = element.find("References"), element.find("Stimuli")
     if references is None:
         return None
-    for one in (references, stimuli):
-        if one is not None and one.get("type", "text/csv") != "text/csv":
+    for table in (references, stimuli):
+        if table is not None and table.get("type", "text/csv") != "text/csv":
             raise UserError(
-                f"FMU '{fmu.path}': its reference is {one.get('type')}; CSV is read, so give one"
+                f"FMU '{fmu.path}': its reference is {table.get('type')}; CSV is read, so give one"
                 " with --reference ref.csv"
             )
     reference = _inside(fmu, file, references.get("source", ""))
@@ -411,9 +411,9 @@ def _of_element(
         for key in ("startTime", "stopTime", "stepSize", "tolerance")
         if element.get(key)
     }
-    found = _of_files(fmu, reference, inputs)
+    experiment = _of_files(fmu, reference, inputs)
     return replace(
-        found,
+        experiment,
         name=f"experiment '{fmu.clean(element.get('name', ''))}' of the FMU",
         start=numbers.get("startTime"),
         stop=numbers.get("stopTime"),
@@ -425,7 +425,7 @@ def _of_element(
 
 def _parameters(fmu: AnyFmu, path: Path) -> dict[str, Any]:
     """Read the values of an SSV file, in the units of the FMU."""
-    found: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     for element in _xml(path).iter():
         if element.tag.rpartition("}")[2] != "Parameter":
             continue
@@ -435,12 +435,12 @@ def _parameters(fmu: AnyFmu, path: Path) -> dict[str, Any]:
         variable, value = fmu.variables[name], element[0]
         text, kind = value.get("value", ""), value.tag.rpartition("}")[2]
         if kind == "String":
-            found[name] = text
+            values[name] = text
         elif kind == "Boolean":
-            found[name] = text in ("true", "1")
+            values[name] = text in ("true", "1")
         else:
             unit = value.get("unit", "")
             scale = factor(unit, variable.unit) if unit not in ("", variable.unit) else 1.0
-            found[name] = float(text) * scale
-        _check_start(variable, found[name], path.name)
-    return found
+            values[name] = float(text) * scale
+        _check_start(variable, values[name], path.name)
+    return values

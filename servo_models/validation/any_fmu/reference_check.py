@@ -52,10 +52,10 @@ def check_against(path: Path, against: Against, limits: Limits) -> ReferenceChec
     with closing(AnyFmu(path, limits)) as fmu:
         if fmu.over:
             raise UserError(f"FMU '{path}' {fmu.over}: look at its files with --static-only")
-        found = [_Run(fmu, one).checked(against) for one in experiments(fmu, against)]
+        checks = [_Run(fmu, chosen).checked(against) for chosen in experiments(fmu, against)]
     return ReferenceCheck(
-        tuple(row for one in found for row in one.rows),
-        tuple(one for each in found for one in each.compared),
+        tuple(row for check in checks for row in check.rows),
+        tuple(output for check in checks for output in check.compared),
     )
 
 
@@ -139,8 +139,8 @@ class _Run:
             if not np.all(np.isfinite(first.values)):
                 continue  # told already
             second = Trace(self.times, again[:, k], held)
-            found = compare(name, "1", first, second, limits[name], self.step).figures[0]
-            row = self._row(name, HALF, found.value, found.limit)
+            largest = compare(name, "1", first, second, limits[name], self.step).figures[0]
+            row = self._row(name, HALF, largest.value, largest.limit)
             if not row.passed:
                 row = replace(row, note=self._depends(row))
             rows.append(row)
@@ -156,12 +156,12 @@ class _Run:
             f" {number(0.5 * self.step)} s differ by {with_unit(number(row.value), row.unit)}"
         )
 
-    def _rows(self, one: Compared) -> list[Row]:
+    def _rows(self, output: Compared) -> list[Row]:
         """Rows of an output; the first that failed says what is wrong."""
-        rows = [self._row(one.name, f.name, f.value, f.limit, f.unit) for f in one.figures]
+        rows = [self._row(output.name, f.name, f.value, f.limit, f.unit) for f in output.figures]
         failed = next((k for k, row in enumerate(rows) if row.passed is False), None)
         if failed is not None:
-            rows[failed] = replace(rows[failed], note=one.fault)
+            rows[failed] = replace(rows[failed], note=output.fault)
         return rows
 
     def _row(
@@ -193,13 +193,13 @@ def _with_swaps(
 ) -> list[Compared]:
     """Name outputs that follow the references of each other."""
 
-    def fits(one: Compared, other: Compared) -> bool:
-        asked = (other.name, other.unit, other.reference, one.response, limits[other.name], step)
-        return one.response.held == other.reference.held and compare(*asked).passed
+    def fits(output: Compared, other: Compared) -> bool:
+        asked = (other.name, other.unit, other.reference, output.response, limits[other.name], step)
+        return output.response.held == other.reference.held and compare(*asked).passed
 
     faults: dict[str, Any] = {}
-    for one, other in interchanged(compared, fits):
+    for output, other in interchanged(compared, fits):
         faults |= dict.fromkeys(
-            (one.name, other.name), f"outputs '{one.name}' and '{other.name}' are swapped"
+            (output.name, other.name), f"outputs '{output.name}' and '{other.name}' are swapped"
         )
-    return [replace(one, fault=faults.get(one.name, one.fault)) for one in compared]
+    return [replace(output, fault=faults.get(output.name, output.fault)) for output in compared]

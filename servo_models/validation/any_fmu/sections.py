@@ -38,17 +38,17 @@ def notes(validation: Validation) -> Section:
 
 def curves(compared: Sequence[Compared]) -> Section:
     """Return outputs beside their references; those that failed first."""
-    shown = sorted((one for one in compared if len(one.times)), key=lambda one: one.passed)
+    shown = sorted((it for it in compared if len(it.times)), key=lambda it: it.passed)
     pictures = tuple(
         Picture(
-            f"Output {one.name}",
-            partial(_draw, one),
-            one.fault or "The output stays in the tube.",
+            f"Output {output.name}",
+            partial(_draw, output),
+            output.fault or "The output stays in the tube.",
             rows=2,
             height=4.2,
             shared=True,
         )
-        for one in shown[:MOST_PICTURES]
+        for output in shown[:MOST_PICTURES]
     )
     return Section(
         "Outputs and references",
@@ -58,22 +58,22 @@ def curves(compared: Sequence[Compared]) -> Section:
     )
 
 
-def _draw(one: Compared, panels: Sequence[Axes]) -> None:
+def _draw(output: Compared, panels: Sequence[Axes]) -> None:
     above, below = panels
-    every = max(len(one.times) // MOST_POINTS, 1)
-    times = one.times[::every]
-    right, got = one.reference.at(times), one.response.at(times)
-    low, high = one.low[::every], one.high[::every]
-    style: Literal["steps-post", "default"] = "steps-post" if one.reference.held else "default"
+    every = max(len(output.times) // MOST_POINTS, 1)
+    times = output.times[::every]
+    right, got = output.reference.at(times), output.response.at(times)
+    low, high = output.low[::every], output.high[::every]
+    style: Literal["steps-post", "default"] = "steps-post" if output.reference.held else "default"
     above.plot(times, right, color=colour("blue"), label="reference", drawstyle=style)
     above.plot(times, got, color=colour("orange"), ls=(0, (4, 2)), label="FMU", drawstyle=style)
     above.legend(loc="best", frameon=False)
-    above.set_ylabel(_labelled(one.name, one.unit))
+    above.set_ylabel(_labelled(output.name, output.unit))
     below.fill_between(
         times,
         low - right,
         high - right,
-        step="post" if one.reference.held else None,
+        step="post" if output.reference.held else None,
         color=colour("grid"),
         lw=0.0,
     )

@@ -163,21 +163,21 @@ def _references(fmu: AnyFmu) -> list[str]:
 
 
 def _starts(about: Any) -> list[str]:
-    found = []
+    wrong = []
     for variable in about.modelVariables:
         low, high = _number(variable.min), _number(variable.max)
         if low is not None and high is not None and low > high:
-            found.append(f"'{variable.name}' has min {low:g} above max {high:g}")
+            wrong.append(f"'{variable.name}' has min {low:g} above max {high:g}")
         if variable.dimensions or variable.type in ("String", "Boolean", "Binary", "Clock"):
             continue
         start = _number(variable.start)
         if variable.start is None:
             continue
         if start is None or not math.isfinite(start):
-            found.append(f"'{variable.name}' starts at {variable.start}, which is no number")
+            wrong.append(f"'{variable.name}' starts at {variable.start}, which is no number")
         elif (low is not None and start < low) or (high is not None and start > high):
-            found.append(f"'{variable.name}' starts at {start:g}, outside its bounds")
-    return found
+            wrong.append(f"'{variable.name}' starts at {start:g}, outside its bounds")
+    return wrong
 
 
 def _number(text: Any) -> float | None:
@@ -190,28 +190,28 @@ def _number(text: Any) -> float | None:
 def _dependencies(about: Any) -> list[str]:
     listed = [unknown.variable.name for unknown in about.outputs if unknown.variable]
     outputs = [v.name for v in about.modelVariables if v.causality == "output"]
-    found = [f"output '{name}' is not in the structure" for name in outputs if name not in listed]
-    found += [f"'{name}' is in it twice" for name, count in Counter(listed).items() if count > 1]
+    wrong = [f"output '{name}' is not in the structure" for name in outputs if name not in listed]
+    wrong += [f"'{name}' is in it twice" for name, count in Counter(listed).items() if count > 1]
     for unknown in (*about.outputs, *about.derivatives, *about.initialUnknowns):
         if unknown.variable is None:
-            found.append("an entry of the structure names no variable")
+            wrong.append("an entry of the structure names no variable")
             continue
         kinds, known = unknown.dependenciesKind, unknown.dependencies
         if kinds and len(kinds) != len(known or ()):
-            found.append(f"'{unknown.variable.name}' has other counts of dependencies and kinds")
-    return found
+            wrong.append(f"'{unknown.variable.name}' has other counts of dependencies and kinds")
+    return wrong
 
 
 def _experiment(experiment: Any) -> list[str]:
     if experiment is None:
         return []
     start, stop = _number(experiment.startTime) or 0.0, _number(experiment.stopTime)
-    found = [] if stop is None or stop > start else [f"it stops at {stop:g} s, not after its start"]
+    wrong = [] if stop is None or stop > start else [f"it stops at {stop:g} s, not after its start"]
     for name, text in (("step", experiment.stepSize), ("tolerance", experiment.tolerance)):
         value = _number(text)
         if value is not None and not value > 0.0:
-            found.append(f"its {name} is {value:g}")
-    return found
+            wrong.append(f"its {name} is {value:g}")
+    return wrong
 
 
 # The archive
@@ -272,27 +272,27 @@ def _library(fmu: AnyFmu, platform: str, path: Path) -> Iterator[Found]:
     content = path.read_bytes()
     try:
         parts = slices(content) if is_universal(content) else [content]
-        found = [read_binary(part) for part in parts]
+        binaries = [read_binary(part) for part in parts]
     except ValueError as error:
         yield platform, "library", [f"{path.name}: {error}"], True
         return
     kind, machine = PLATFORMS[platform]
-    own = [one for one in found if (one.kind, one.machine) == (kind, machine)]
-    told = ", ".join(f"{one.kind} for {one.machine}" for one in found)
-    wrong = [] if own else [f"{path.name} is {told}, not {kind} for {machine}"]
-    if wrong and platform == "darwin64" and found[0].kind == kind:
-        wrong, own = [], found  # FMI 2.0 has no folder for a Mac with ARM
+    suitable = [binary for binary in binaries if (binary.kind, binary.machine) == (kind, machine)]
+    told = ", ".join(f"{binary.kind} for {binary.machine}" for binary in binaries)
+    wrong = [] if suitable else [f"{path.name} is {told}, not {kind} for {machine}"]
+    if wrong and platform == "darwin64" and binaries[0].kind == kind:
+        wrong, suitable = [], binaries  # FMI 2.0 has no folder for a Mac with ARM
     yield platform, "library", wrong, True
-    for one in own[:1]:
-        missing = [name for name in _needed(fmu) if name not in one.exports]
+    for binary in suitable[:1]:
+        missing = [name for name in _needed(fmu) if name not in binary.exports]
         yield platform, "functions that are not exported", missing, True
         beside = {file.name for file in path.parent.iterdir()}
         foreign = sorted(
-            name for name in one.needs if not SYSTEM.fullmatch(name) and name not in beside
+            name for name in binary.needs if not SYSTEM.fullmatch(name) and name not in beside
         )
         yield platform, "libraries that a host has to have", foreign, False
-        yield platform, "search paths", sorted(one.search_paths), False
-        yield platform, "asks for", _oldest(one), False
+        yield platform, "search paths", sorted(binary.search_paths), False
+        yield platform, "asks for", _oldest(binary), False
         token = str(fmu.description.guid or "").encode()
         unheard = [] if token in content else ["it is not in the library, which may not check it"]
         yield platform, "token", unheard, False
@@ -313,11 +313,11 @@ def _needed(fmu: AnyFmu) -> list[str]:
     return [prefix + name for name in dict.fromkeys(names)]
 
 
-def _oldest(one: Binary) -> list[str]:
-    if one.newest_glibc:
-        return [f"glibc {'.'.join(map(str, one.newest_glibc))} or newer"]
-    if one.oldest_macos:
-        return [f"macOS {'.'.join(map(str, one.oldest_macos))} or newer"]
+def _oldest(binary: Binary) -> list[str]:
+    if binary.newest_glibc:
+        return [f"glibc {'.'.join(map(str, binary.newest_glibc))} or newer"]
+    if binary.oldest_macos:
+        return [f"macOS {'.'.join(map(str, binary.oldest_macos))} or newer"]
     return []
 
 

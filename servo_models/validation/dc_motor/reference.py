@@ -64,9 +64,9 @@ class Motor:
 
     def named(self, columns: Array) -> dict[str, Array]:
         """Outputs from angle, speed and current of the motor."""
-        found = {name: columns[:, k] for k, name in enumerate(OUTPUTS)}
+        outputs = {name: columns[:, k] for k, name in enumerate(OUTPUTS)}
         angle, speed, _ = columns.T
-        return {**found, "angle": angle / self.ratio, "rate": speed / self.ratio}
+        return {**outputs, "angle": angle / self.ratio, "rate": speed / self.ratio}
 
 
 @dataclass(frozen=True)

@@ -76,5 +76,5 @@ class LinearDrive:
             *((time, "edge", k) for edges in held for k, (time, _) in enumerate(edges)),
         ]
         order = ("edge", "tick", "acts", "row")
-        found = sorted(happens, key=lambda one: (one[0], order.index(one[1])))
-        return [one for one in found if one[0] <= end]
+        instants = sorted(happens, key=lambda one: (one[0], order.index(one[1])))
+        return [one for one in instants if one[0] <= end]

@@ -125,8 +125,8 @@ class Limited:
 
     def net(self, fast: int, hard: int, x: Array, u: Values) -> float:
         """Acceleration [deg/s^2] but for dry friction."""
-        own = hard * self.servo.hardest if hard else self.wanted(fast, x, u)
-        return self.servo.share * own - u[1]
+        acceleration = hard * self.servo.hardest if hard else self.wanted(fast, x, u)
+        return self.servo.share * acceleration - u[1]
 
     @property
     def dry(self) -> float:

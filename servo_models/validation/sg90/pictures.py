@@ -120,11 +120,11 @@ def compare() -> tuple[Compared, ...]:
     )
 
 
-def _figures(found: Figures) -> dict[tuple[str, str], float | None]:
+def _figures(measured: Figures) -> dict[tuple[str, str], float | None]:
     """Figures by name and unit."""
-    large, step = found.large, found.step
+    large, step = measured.large, measured.step
     return {
-        ("slew time", "s/60 deg"): found.slew_rate and SWING / found.slew_rate,
+        ("slew time", "s/60 deg"): measured.slew_rate and SWING / measured.slew_rate,
         ("bandwidth (-3 dB)", "Hz"): large.bandwidth if large else None,
         ("equivalent delay", "s"): large.delay if large else None,
         ("rise from 10 % to 90 %", "s"): step.rise,

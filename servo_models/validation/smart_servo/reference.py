@@ -74,9 +74,9 @@ class SmartServo:
         ]
         order = ("row", "change", "tick")
 
-        def place(one: tuple[float, str]) -> tuple[float, int]:
-            time = round(one[0], 9)
+        def place(instant: tuple[float, str]) -> tuple[float, int]:
+            time = round(instant[0], 9)
             first = time <= round(float(times[0]), 9)
-            return time, len(order) if first and one[1] == "row" else order.index(one[1])
+            return time, len(order) if first and instant[1] == "row" else order.index(instant[1])
 
         return sorted(happens, key=place)

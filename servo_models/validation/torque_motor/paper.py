@@ -49,8 +49,8 @@ def current_at(frequency: float) -> complex:
 
 
 def _equation_12() -> list[Row]:
-    found = linearise(model("torque_motor", IDENTIFIED, NO_STOPS))
-    system = found.channel("voltage", "angle")
+    linear = linearise(model("torque_motor", IDENTIFIED, NO_STOPS))
+    system = linear.channel("voltage", "angle")
     gain, poles = transfer_function(system)
     where = ("torque_motor", IDENTIFIED, "state space of the flattened model")
     printed, (_, *coefficients) = reference.EQ_12
@@ -95,7 +95,7 @@ def _stiffness() -> Row:
 def _table_2() -> list[Row]:
     where = ("torque_motor", "estimated", "eq. 12 solved for the constants")
     got = grey_box(*EQ_12)
-    own = {
+    recomputed = {
         "torque_constant": reference.IDENTIFIED.k_t,
         "back_emf_constant": reference.IDENTIFIED.k_b,
         "inductance": reference.IDENTIFIED.l,
@@ -109,7 +109,7 @@ def _table_2() -> list[Row]:
             within,
             unit,
             printed=printed,
-            recomputed=own[name],
+            recomputed=recomputed[name],
             note="ill-conditioned" if symbol == "K_b" else "",
         )
         for name, (symbol, printed, within, unit) in CONSTANTS.items()

@@ -236,11 +236,11 @@ class TwoMasses:
         k, stiffness = self.constants, 1.0 / self.compliance
         drag = 2.0 * self.damping * math.sqrt(self.inertia * stiffness)
         twist = np.array([0.0, stiffness, drag, -stiffness, -drag])
-        own = np.array([k.k_t, -k.k_s, -k.k_f, 0.0, 0.0])
+        rotor_torque = np.array([k.k_t, -k.k_s, -k.k_f, 0.0, 0.0])
         a = [
             np.array([-k.r / k.l, 0.0, -k.k_b / k.l, 0.0, 0.0]),
             np.eye(5)[2],
-            (own - twist) / k.j,
+            (rotor_torque - twist) / k.j,
             np.eye(5)[4],
             twist / self.inertia,
         ]
