@@ -31,7 +31,7 @@ class Characteristic:
 
     Attributes:
         over: the signal that is swept.
-        wire: on which the effect acts; the same one where its output hangs on its input.
+        wire: on which the effect acts; the same one where its output depends on its input.
         given, found: values [SI] of shape (n,): of the signal, and of the wire as the effect leaves
             it.  Over another signal it is what the effect adds; friction has the sign of the speed.
     """
@@ -68,7 +68,7 @@ def characteristic(plant: Plant, values: Mapping[str, float], name: str) -> Char
         return None
 
     def rest(name: str) -> float:
-        """Of friction the load is full: it may hang on it."""
+        """Value of a wire at rest; for friction the full scale, as it may depend on the load."""
         if name in constant or name not in plant.wire:
             return constant[name]
         value = plant.wire[name].scale if rubs else plant.wire[name].rest
@@ -84,7 +84,7 @@ def characteristic(plant: Plant, values: Mapping[str, float], name: str) -> Char
     }
 
     def swept(over: Wire, signal: Array) -> Characteristic:
-        """The effect on a signal: its own, or one that it reads beside it."""
+        """The effect while one signal is swept: the one it acts on, or another that it reads."""
         arguments = [it for it in effect.wires if link.wire_of(it) == over.name]
         memory, changed = start, []
         for value in signal.tolist():
@@ -111,7 +111,7 @@ def characteristic(plant: Plant, values: Mapping[str, float], name: str) -> Char
 
 
 def _constants(plant: Plant, values: Mapping[str, float]) -> dict[str, float]:
-    """Parameters of the plant [SI], and wires that hang on them alone, without effects."""
+    """Parameters of the plant [SI], and wires that depend on them alone, without effects."""
     known = {name: values[name] for name, it in plant.parameters.items() if not it.owner}
     for link in plant.chain:
         if isinstance(link, Block) and known.keys() >= {*link.wires}:

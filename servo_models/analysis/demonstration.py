@@ -113,7 +113,7 @@ def _runs(effect: str) -> Iterator[Demonstration]:
 
 
 def _depth(place: Place) -> tuple[bool, float]:
-    """What stands further back has the larger one."""
+    """Sort key: effects on an input first, then the slowest actuator."""
     inputs = {wire.name for wire in place.actuator.plant.inputs}
     return place.placements[0].on[0] not in inputs, -model(place.actuator).stop_time
 
@@ -132,7 +132,7 @@ def _run(actuator: Actuator, parameters: dict[str, float], load: float) -> Resul
 
 
 def _load(actuator: Actuator) -> Wire | None:
-    """The input that acts against the motion, None where an actuator has none of that name."""
+    """The input for a load against the motion, None if the actuator has none."""
     return next((wire for wire in actuator.plant.inputs if wire.name.startswith("load_")), None)
 
 

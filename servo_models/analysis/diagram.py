@@ -52,12 +52,12 @@ class Box:
 
     Attributes:
         title: name of the block, the sign of an integral for a state, else "".
-        wires: that leave it, from left to right.
-        defines: these are its own, else those of other boxes.
+        wires: the wires that leave it, from left to right.
+        defines: whether it defines these wires; else other boxes do.
         owner: effect that a state belongs to, "" for the plant.
         effects: on its wires, in their order.
         sinks: boxes that take each wire as it leaves.
-        outputs: which of the wires are offered outside as they leave.
+        outputs: wires that are outputs of the actuator as they leave this box.
     """
 
     title: str
@@ -163,7 +163,7 @@ class _Sheet:
     """A box with its texts and frames; x is from its middle to the right, y runs down [pt].
 
     Attributes:
-        width, height: of it all.
+        width, height: of the box with its texts.
         columns: where each wire leaves.
     """
 
@@ -213,7 +213,7 @@ class _Sheet:
         return edges
 
     def _head(self, box: Box, inputs: set[str]) -> float:
-        """Write what a box is called and what it gives; return where that ends."""
+        """Write the title and the wires of a box; return the y at which they end."""
         y = 0.0
         if box.title:
             y = PAD / 2 + LINE * TITLE

@@ -54,7 +54,7 @@ def is_actuator(name: str) -> bool:
 
 
 def overview() -> Report:
-    """Return what there is: actuators with their variants, and effects.
+    """Return the actuators with their variants, and the effects, as tables.
 
     Example:
         >>> import servo_models as sm
@@ -280,7 +280,7 @@ def _place_of(link: Block | Placement) -> str:
 
 
 def _equation(block: Block, plant: Plant) -> str:
-    """The formula of a block that is one, else what it says of itself and what it reads."""
+    """The formula of a block if it is one; else its docstring and what it reads."""
     body = _body(block)
     if len(body) == 1 and isinstance(body[0], ast.Return) and body[0].value:
         value = body[0].value

@@ -28,12 +28,12 @@ def cause(name: str, plant: Plant) -> str:
     return like.get(parameters[name].param.unit, like[OTHER_UNITS])
 
 
-def experiment(cause: str, other: str, plant: Plant) -> str:
+def experiment(first: str, second: str, plant: Plant) -> str:
     """Return what separates two causes, "" where nothing is on record.
 
     Two places of one effect, and two gains, have nothing on record either.
     """
-    return next((it.experiment for it in ambiguities(plant) if it.separates(cause, other)), "")
+    return next((it.experiment for it in ambiguities(plant) if it.separates(first, second)), "")
 
 
 def ambiguities(plant: Plant) -> Iterator[Ambiguity]:

@@ -20,7 +20,7 @@ FURTHEST_ZERO = 1e4  # largest zero over the fastest pole; a larger one is a rou
 class LinearModel:
     """x' = A x + B u, y = C x + D u, in SI, for deviations from a working point.
 
-    With a period x' is the state one period later, and y read when u is set.
+    With a period, x' is the state one period later, and y is read at the instant u is set.
 
     Delays are channels of their own: ``joint_*`` has their outputs before the inputs u and
     their inputs before the outputs y.  A, B, C, D are those of the model without delay.
@@ -31,7 +31,7 @@ class LinearModel:
         states, inputs, outputs: names, in the order of rows and columns.
         channels: time [s] of each delay channel.
         delays: time [s] by name of the effect.
-        left_out: effects that no linear model has, with the reason.
+        left_out: effects that have no linear form, with the reason.
         point: SI values of inputs, states and outputs at the working point.
         period: [s] from sample to sample, 0 in continuous time.
     """
@@ -75,16 +75,16 @@ class LinearModel:
         return float(1.0 / decaying.min()) if len(decaying) else 0.0
 
     def integrates(self) -> bool:
-        """Whether a pole stands at 0, so that nothing brings the output back."""
+        """Whether a pole is at 0, so that the output does not return."""
         sizes = abs(self.rates())
         return bool(np.any(sizes <= 1e-9 * np.max(sizes, initial=0.0)))
 
     def rates(self) -> NDArray[np.complex128]:
-        """Return the poles [rad/s] of A, of discrete ones those that are not a mere delay."""
+        """Return the poles [rad/s] of A; of a sampled model without those of pure delays."""
         return self._in_time(np.linalg.eigvals(self.matrices()[0]))
 
     def _in_time(self, roots: ArrayLike) -> NDArray[np.complex128]:
-        """Roots [rad/s], of a sampled model by the logarithm."""
+        """Roots [rad/s]; those of a sampled model by the logarithm, without pure delays."""
         given = np.asarray(roots, dtype=complex)
         return np.log(given[given != 0.0]) / self.period if self.period else given
 
@@ -114,7 +114,7 @@ class LinearModel:
     def response(self, frequencies: ArrayLike, input_: str, output: str) -> NDArray[np.complex128]:
         """Return output over input [SI], shape (n,), at ``frequencies`` [Hz], delays exact.
 
-        With a period it has a meaning up to half a turn a period.
+        With a period it is valid up to half the sampling frequency.
         """
         k, n = len(self.channels), len(self.states)
         times = np.array(self.channels)

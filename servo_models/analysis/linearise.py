@@ -4,7 +4,7 @@ A, B, C, D are differences of the model's own text about its point of rest: of d
 continuous time, of the state from tick to tick where the plant has a clock of its own, as in
 a digital controller.  A lag is a state more, a transport delay in continuous time an extra
 channel that stays exact.  What has no derivative (jumps, memories, the clocks of effects) is
-left out, and said.
+left out, with the reason.
 """
 
 from __future__ import annotations

@@ -115,7 +115,7 @@ def live_model(
 
     Args:
         model: whose values are the nominal ones.
-        sets: further sets of values [SI], by name; what one leaves out is nominal.  The panel
+        sets: further sets of values [SI], by name; values not given are nominal.  The panel
             begins with the last.
         errors: standard errors [SI] of parameters.
         shown: parameters, and effects, that stand first.
@@ -203,7 +203,7 @@ def _parameter(
 
 
 def _ends(parameter: Parameter, values: list[float], error: float) -> tuple[float, float]:
-    """Ends of a slider: about its values, within the bounds."""
+    """Ends of a slider: around its values, within the bounds."""
     param = parameter.param
     wide = [max(SWEEP * abs(value), SWEEP_ERRORS * error) for value in values]
     low = min(value - width for value, width in zip(values, wide))
@@ -217,7 +217,7 @@ def _ends(parameter: Parameter, values: list[float], error: float) -> tuple[floa
 
 
 def _faults(flat: Flat) -> dict[str, str]:
-    """What a run may end with, by its code."""
+    """Faults that may end a run, by their codes."""
     told = {str(-1 - k): f"{owner}: {text}" for k, (_, owner, text) in enumerate(flat.faults)}
     told[str(flat.too_fast)] = "these values need a shorter internal step"
     told[str(flat.too_long)] = "these values make it too stiff for a page"

@@ -101,7 +101,7 @@ def draw_signals(result: Result, panels: Sequence[Axes]) -> None:
 
 
 def characteristic(axes: Axes, law: Characteristic) -> None:
-    """Draw what an effect makes of a signal; of the signal itself also how it is without."""
+    """Draw a signal after an effect over its input, with the signal itself where it is swept."""
     given, across = _display(law.given, law.over)
     result, up = _display(law.found, law.wire)
     name = law.wire.name.replace("_", " ")

@@ -42,7 +42,7 @@ FINE = 300  # points of a Bode plot
 
 @report_of.register(Result)
 def run_report(result: Result, date: str = "") -> Report:
-    """Return the signals of a run in figures and as a picture; of a step also its measures."""
+    """Return the signals of a run in figures and as a picture; for a step also its measures."""
     chosen = result.model
     wires = [chosen.plant.wire[name] for name in (*result.inputs, *result.outputs)]
     signals = Table(
@@ -87,7 +87,7 @@ def _run_document(result: Result) -> dict[str, Any]:
 
 
 def _origin(model: Model) -> tuple[str, ...]:
-    """What whoever uses the values of a model should know."""
+    """What a user of the model's values should know."""
     texts = {"Warning": model.warning, "Parameters changed by": model.provenance}
     return tuple(f"{key}: {text}." for key, text in texts.items() if text)
 
@@ -154,7 +154,7 @@ def _matrices(linear: LinearModel) -> dict[str, Any]:
 
 @report_of.register(Figures)
 def _report(figures: Figures, date: str = "") -> Report:
-    """Return figures of merit, and the state space that they are of."""
+    """Return figures of merit, and the state space that they are computed from."""
     model, linear = figures.model, figures.linear
     wire = model.plant.wire[figures.output]
     merits = Table(
@@ -187,7 +187,7 @@ def _report(figures: Figures, date: str = "") -> Report:
 
 
 def _sentence(measured: Figures) -> str:
-    """Bandwidth and slew rate, the two that are asked for first."""
+    """Bandwidth and slew rate, the two most wanted figures."""
     scale, unit = display(measured.model.plant.wire[measured.output])
     slew = measured.slew_rate and scale * measured.slew_rate
     size, figures = (

@@ -101,7 +101,7 @@ class SineTest:
         return self._settle(self._state.copy(), self._time, value)[0]
 
     def _settle(self, state: Array, time: float, value: float) -> tuple[float, float]:
-        """Hold the input until the output rests, or swings about a mean: value and time then."""
+        """Hold the input until the output rests or swings about a mean; return value and time."""
         span = self.model.stop_time
         scale = self.model.plant.wire[self.output].scale
         mean, moved = math.inf, math.inf

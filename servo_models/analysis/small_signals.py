@@ -35,7 +35,7 @@ BLOCKS = 50  # default experiments after which a model that still moves has no p
 class SmallSignals:
     """Values of a smooth model as functions of arguments, about a point of rest.
 
-    Arguments are entries of the state vector, outputs of delays and inputs; values one number
+    Arguments are entries of the state vector, outputs of delays and inputs; values are one number
     for each of these entries, inputs of delays and outputs.
 
     Attributes:
@@ -165,16 +165,16 @@ class SmallSignals:
         return bool(np.all(gaps <= others + 0.1 * np.maximum(size, other_size)))
 
     def _gaps(self) -> tuple[Array, Array]:
-        """How far differences are from the derivatives, for each value, and how large these."""
+        """How far differences are from the derivatives, for each value, and how large those are."""
         near = self.jacobian() * self.scales
         sides = (SMALL, -SMALL, MODERATE, -MODERATE)
         gaps = [abs(self.slopes(side) * self.scales - near).max(axis=1) for side in sides]
         return np.array(gaps), abs(near).max(axis=1)
 
     def blocks(self, base: SmallSignals) -> bool:
-        """Whether a value follows nothing any more, or the main output not the main input.
+        """Whether a value depends on nothing any more, or the main output not on the main input.
 
-        In ``base`` they did.
+        Values that already do so in ``base`` do not count.
         """
         if np.any(self._gaps()[1] < 1e-3 * base._gaps()[1]):
             return True
@@ -198,7 +198,7 @@ class SmallSignals:
         return wide[len(self.model.plant.states) :]
 
     def _at(self, k: int, change: float) -> Array:
-        """Values at the point of rest, argument ``k`` changed."""
+        """Values at the point of rest with argument ``k`` changed."""
         x, u = list(self.state), list(self._inputs)
         channel, column = k - len(self._entries), k - len(self._entries) - len(self.channels)
         if channel < 0:
@@ -208,7 +208,7 @@ class SmallSignals:
         return np.array(self._values(x, u, channel, change))
 
     def _settle(self) -> None:
-        """Run until nothing moves any more."""
+        """Run until the model rests."""
         plant, span = self.model.plant, self.model.stop_time
         scale = np.array([plant.states[i].wire.scale for i in self._free])
         for _ in range(BLOCKS):
@@ -249,7 +249,7 @@ class Continuous(SmallSignals):
 class Sampled(SmallSignals):
     """The map from just before one tick of the plant's clock to the next.
 
-    The memories of the plant's blocks and of lags are states.  What a delay is fed with
+    The memories of the plant's blocks and of lags are states.  The input of a delay
     changes at ticks, so its output changes once a period: it has a channel for the value
     before that instant, and one for the value after it, which is a period younger.
     """
@@ -320,7 +320,7 @@ class Sampled(SmallSignals):
 def plant_clocks(model: Model) -> list[str]:
     """Return the names, in the text, of the clocks that tick in the plant itself, not in effects.
 
-    One that nothing needs, as that of a controller without I and D gains, is due at no time.
+    A clock that nothing needs, as that of a controller without I and D gains, never ticks.
     """
     flat, values = model.flat, list(model.values.values())
     of_plant = {name for name, owner in flat.clocks if not owner}

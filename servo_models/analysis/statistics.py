@@ -1,4 +1,4 @@
-"""What errors are: noise or not, how long they remember, and whether they depend on the input.
+"""Statistics of errors: whiteness, correlation time, and dependence on the input.
 
 Source: Ljung, System Identification, 2nd ed., sec. 16.6; Ljung and Box, Biometrika 65 (1978).
 """
@@ -33,13 +33,13 @@ def correlations(values: Array, other: Array, lags: int) -> Array:
 
 
 def _span(seen: Mask) -> slice:
-    """From the first sample that is seen to the last."""
+    """Slice from the first sample that is seen to the last."""
     rows = np.flatnonzero(seen)
     return slice(int(rows[0]), int(rows[-1]) + 1)
 
 
 def _pairs(residuals: Array, seen: Mask) -> tuple[Array, Array]:
-    """Autocorrelations of seen residuals, and how many pairs each is the sum of, by lag."""
+    """Autocorrelations of seen residuals, and the number of pairs in each, by lag."""
     span = _span(seen)
     values = np.where(seen, residuals, 0.0)[span]
     share = np.count_nonzero(seen) / len(values)
@@ -51,7 +51,7 @@ def _pairs(residuals: Array, seen: Mask) -> tuple[Array, Array]:
 def whiteness(residuals: Array, seen: Mask | None = None) -> float:
     """Return the probability of such autocorrelations if the residuals are white (Ljung-Box).
 
-    Of samples that are not ``seen``, shape (n,), nothing is known; they still take their time.
+    Samples that are not ``seen``, shape (n,), are unknown; they still count in the lags.
     """
     from scipy.special import chdtrc
 
@@ -66,7 +66,7 @@ def whiteness(residuals: Array, seen: Mask | None = None) -> float:
 def dependence(residuals: Array, given: Array, seen: Mask | None = None) -> float:
     """Return the probability of such correlations with past inputs if there is none.
 
-    The largest of them over lags 0 to 25 against its asymptotic spread, Bonferroni.
+    The largest one over lags 0 to 25 is held against its asymptotic spread (Bonferroni).
     """
     both, deviation = cross_correlation(residuals, given, LAGS, seen)
     if deviation == 0.0:
@@ -78,10 +78,10 @@ def dependence(residuals: Array, given: Array, seen: Mask | None = None) -> floa
 def cross_correlation(
     residuals: Array, given: Array, lags: int, seen: Mask | None = None
 ) -> tuple[Array, float]:
-    """Return the correlation of residuals with inputs so many samples before, shape (lags + 1,),
-    and its standard deviation if there is none, 0 where one of the two does not move.
+    """Return the correlation of residuals with inputs 0 ... lags samples before, shape (lags + 1,),
+    and its standard deviation under independence, 0 where one of the two does not move.
 
-    The input is known at samples that are not ``seen``, shape (n,), the residuals are not.
+    At samples that are not ``seen``, shape (n,), the input is known and the residuals are not.
     """
     span = _span(np.ones(len(residuals), dtype=bool) if seen is None else seen)
     values = (residuals if seen is None else np.where(seen, residuals, 0.0))[span]
@@ -100,8 +100,8 @@ def cross_correlation(
 def autocovariance(residuals: Array) -> Array:
     """Return the autocovariance by lag up to where it has died out.
 
-    That of the autoregression, up to order 20 by the BIC, with the first lags of the residuals:
-    it does not cut off long tails, as sums of measured lags do.
+    It is that of an autoregression (up to order 20, by the BIC) with the residuals' first lags:
+    unlike sums of measured lags it does not cut off long tails.
     Source: Brockwell, Davis, Time Series: Theory and Methods, 2nd ed., secs. 5.2 (Durbin and
     Levinson), 8.1 and 9.3.
     """
@@ -149,7 +149,7 @@ def recursion(weights: Array, first: Array, count: int) -> Array:
 
 
 def stretch_powers(values: Array, window: Array) -> Array:
-    """Return the power of each windowed stretch by frequency, stretches overlapping by half.
+    """Return the power of each windowed stretch by frequency; stretches overlap by half.
 
     Shape (stretches, frequencies).  In a window of ``hann`` white noise of variance 1 has power 1.
     Source: Welch, IEEE Trans. Audio Electroacoust. 15 (1967).
@@ -178,7 +178,7 @@ def scatter(slopes: Array, covariance: Array) -> Array:
 
 
 def inflation(residuals: Array) -> float:
-    """Return by how much correlation shrinks the number of independent residuals, at least 1."""
+    """Return the factor by which correlation reduces the number of independent residuals, >= 1."""
     r = autocovariance(residuals)
     return max(1.0, float(1.0 + 2.0 * np.sum(r[1:]) / r[0])) if r[0] > 0.0 else 1.0
 
@@ -209,7 +209,7 @@ def memory(errors: Array) -> int:
 
 
 def derivatives(function: Callable[[Array], Array], at: Array) -> Array:
-    """Return those of a smooth vector function by central differences, shape (outputs, inputs)."""
+    """Return derivatives of a smooth vector function by central differences, (outputs, inputs)."""
     columns = []
     for step in np.diag(1e-5 * np.where(at == 0.0, 1.0, np.abs(at))):
         rise = function(at + step) - function(at - step)

@@ -31,7 +31,7 @@ JUDGED: Style = ("blue", "-", 1.1, 1.0)  # colour, dash, width and opacity of a 
 
 
 def draw_curve(axes: Axes, x: Array, y: Array, name: str, style: Style) -> None:
-    """Draw a curve, thinned out to what a screen shows."""
+    """Draw a curve, thinned out to the resolution of a screen."""
     series, dash, width, opacity = style
     curve = envelope(x, y, BUCKETS)
     axes.plot(*curve, color=colour(series), ls=dash, lw=width, alpha=opacity, label=name)
@@ -40,7 +40,7 @@ def draw_curve(axes: Axes, x: Array, y: Array, name: str, style: Style) -> None:
 def draw_responses(
     axes: Axes, times: Array, measured: Array, simulated: Mapping[str, Array], held_out: Mask
 ) -> None:
-    """Draw measured broad and grey and the models on top, shaded where held out.
+    """Draw the measurement as a broad grey line, the models on top, and held-out stretches shaded.
 
     Args:
         axes: to draw on.
@@ -103,7 +103,7 @@ def draw_legend(axes: Axes, count: int) -> None:
 
 
 def draw_label(axes: Axes, row: float, text: str, right: bool = False, tint: str = "ink") -> None:
-    """Write above a row of a chart, at its left or right end, so that a phone needs no column."""
+    """Write a label above a row of a chart, at its left or right end: no column, for phones."""
     axes.text(
         float(right),
         row,

@@ -31,7 +31,7 @@ class Document(Struct, frozen=True, forbid_unknown_fields=True):
     """A JSON document or a part of one: the fields are its keys, in this order, and its schema.
 
     A field may hold what JSON lists as well, such as a tuple or an array of NumPy.  Nothing is
-    checked when it is made, since a result has to be told whatever it is; tests hold documents to
+    checked when it is made, since every result has to be reported; tests hold documents to
     their schemas.
     """
 

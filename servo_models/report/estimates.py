@@ -1,4 +1,4 @@
-"""Pictures of how sure estimates are, from plain numbers: correlations, and cost along each."""
+"""Pictures of the uncertainty of estimates: correlations, and the cost along each estimate."""
 
 from __future__ import annotations
 
@@ -69,13 +69,13 @@ def correlation_map(names: Sequence[str], correlations: NDArray[np.float64]) -> 
 
 
 def _short(value: float) -> str:
-    """Two decimals, as short as a small square wants them."""
+    """A correlation with two decimals, short enough for a small square."""
     text = f"{abs(value):.2f}".removeprefix("0")
     return text if value >= 0.0 or text == ".00" else printed(f"-{text}")
 
 
 def cost_profiles(profiles: Sequence[Profile]) -> list[Picture]:
-    """Return the squared errors along each estimate, a row for each; none without any."""
+    """Return the squared errors along each estimate, a row for each; no picture without a row."""
 
     def draw(panels: Sequence[Axes]) -> None:
         (axes,) = panels

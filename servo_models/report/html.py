@@ -38,7 +38,7 @@ def page(report: Page) -> str:
 
 
 def _labels(report: Page) -> str:
-    """Headings for phones, where a row becomes a block: once a kind of table, not in each cell."""
+    """Headings for phones, where a row becomes a block: one CSS rule for a kind of table."""
     kinds = {_kind(table): table.headings for table in report.tables}
     texts = {
         f".{kind} td:nth-child({k})": json.dumps(heading, ensure_ascii=False).replace("<", r"\3c ")

@@ -1,4 +1,4 @@
-"""Results for other programs: JSON, GitHub's workflow commands, and what figures depend on."""
+"""Results for other programs: JSON, GitHub's workflow commands, and conditions of the figures."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def _listed(value: Any) -> object:
 def finite_json(document: object) -> str:
     """Return a document as JSON; a figure that is not finite becomes null.
 
-    Of ``##`` one sign is escaped, as CI runners obey ``##[error]`` anywhere in a line.
+    One sign of ``##`` is escaped, since CI runners obey ``##[error]`` anywhere in a line.
     """
     return json.dumps(finite(plain(document)), indent=2).replace("##", r"#\u0023")
 

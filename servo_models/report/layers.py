@@ -1,8 +1,8 @@
 """Boxes in layers, and wires at right angles between them: the layout of a block diagram.
 
-What follows stands below; a wire back runs up between the boxes.  Lengths are in points, y runs
-down.  Source: Sugiyama, Tagawa, Toda, IEEE Trans. SMC 11 (1981) 109; places in a layer by a linear
-program, as in Gansner et al., IEEE Trans. Softw. Eng. 19 (1993) 214.
+A box that follows stands below; a wire back runs up between the boxes.  Lengths are in points, y
+runs down.  Source: Sugiyama, Tagawa, Toda, IEEE Trans. SMC 11 (1981) 109; places in a layer by a
+linear program, as in Gansner et al., IEEE Trans. Softw. Eng. 19 (1993) 214.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Route:
     """A wire as it is drawn.
 
     Attributes:
-        back: it also leads to what stands no further down.
+        back: whether it also leads to a box that is not further down.
         lines: straight pieces, from point to point [pt].
         heads: where it enters boxes, from above [pt].
         dots: where it branches [pt].
@@ -62,7 +62,7 @@ class Route:
 
 @dataclass(eq=False)
 class _Item:
-    """What takes a place in a layer: a box, or a wire that passes, which has no size."""
+    """An item of a layer: a box, or a wire that passes, which has no size."""
 
     layer: int
     width: float = 0.0
@@ -73,7 +73,7 @@ class _Item:
 
 @dataclass(eq=False)
 class _End:
-    """Where a wire meets an item; ``origin`` is where it comes from if it may enter anywhere."""
+    """Point where a wire meets an item; ``origin`` is its other end if it may enter anywhere."""
 
     item: _Item
     below: bool
@@ -135,9 +135,9 @@ def arrange(sizes: Sequence[Point], nets: Sequence[Net]) -> tuple[list[Point], l
 
 
 def _layers(sizes: Sequence[Point], nets: Sequence[Net]) -> list[int]:
-    """The layer of each box: below all that leads to it, but for what leads back.
+    """The layer of each box: below all boxes that lead to it, except by wires back.
 
-    In a loop a wire leads back that ends nearer to the first box than it begins.
+    In a loop, a wire is one back if it ends nearer to the first box than it begins.
     """
     boxes = range(len(sizes))
     follows: list[set[int]] = [set() for _ in boxes]
@@ -190,7 +190,7 @@ def _thread(
 
 
 def _order(rows: list[list[_Item]], channels: list[_Channel]) -> None:
-    """Put every layer in the order that makes the wires shortest, of those that are tried."""
+    """Put every layer in the order, of those tried, that makes the wires shortest."""
     joined: dict[_Item, list[tuple[_End, list[_End]]]] = {item: [] for row in rows for item in row}
     wires = [wire for channel in channels for wire in channel.values()]
     for wire in wires:
@@ -198,7 +198,7 @@ def _order(rows: list[list[_Item]], channels: list[_Channel]) -> None:
             joined[end.item].append((end, [other for other in wire if other is not end]))
 
     def wish(item: _Item, below: bool) -> float:
-        """Where an item stands in the middle of what it is joined with, on one side."""
+        """Place of an item in the middle of the items it is joined with on one side."""
         wishes = [
             sum(other.x for other in others) / len(others) - end.offset
             for end, others in joined[item]
@@ -226,7 +226,7 @@ def _order(rows: list[list[_Item]], channels: list[_Channel]) -> None:
 
 
 def _apart(left: _Item, right: _Item) -> float:
-    """How far the middles of two neighbours are from one another, at least."""
+    """Least distance between the middles of two neighbours."""
     return (left.width + right.width) / 2 + (GAP if left.width and right.width else LANE)
 
 
@@ -293,9 +293,9 @@ def _place(
 
 
 def _tracks(channel: _Channel) -> tuple[dict[int, int], list[tuple[_End, _End]]]:
-    """The track of each wire between two layers; what comes down upon another goes first.
+    """The track of each wire between two layers; a wire that comes down on another goes first.
 
-    Where each of several wires comes down upon the next, there are also pairs of ends that clash.
+    Where several wires come down on each other in a cycle, the pairs of ends that clash come too.
     """
     spans = {k: _span(wire) for k, wire in channel.items()}
     upon = {

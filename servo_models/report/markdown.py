@@ -46,5 +46,5 @@ def _row(cells: Iterator[str] | map[str] | tuple[str, ...]) -> str:
 
 
 def _escaped(text: str) -> str:
-    """A text that may come from anybody's file, as Markdown that only shows it."""
+    """A text, perhaps from a foreign file, escaped so that Markdown shows it as it is."""
     return SPECIAL.sub(r"\\\1", " ".join(text.split()))

@@ -35,8 +35,8 @@ class Quantity:
         unit: "1" for a pure number, "%" for a share that is given in percent.
         error: standard error; the value then has the digits that the error allows.  NaN or
             infinite where it is not known; None where nobody asks.
-        interval: limits between which the value lies, such as those of 95 %.
-        digits: significant ones of the value, where it has no error.
+        interval: limits of a confidence interval, such as of 95 %.
+        digits: significant digits of a value without an error.
     """
 
     value: float
@@ -80,9 +80,9 @@ def with_unit(text: str, unit: str) -> str:
 
 
 def prefix(size: float, unit: str) -> tuple[float, str]:
-    """Return the unit in which figures of about a size [unit] read best, and how many make one.
+    """Return the unit in which figures of this size [unit] read best, and the factor to it.
 
-    0.0123 V is told in mV; units without prefixes of their own, such as deg, stay.
+    0.0123 V reads best in mV; units that take no prefix, such as deg, stay.
     """
     for below, name, factor in PREFIXES if unit in PREFIXED else ():
         if abs(size) < below:
@@ -102,7 +102,7 @@ def plural(count: int, name: str) -> str:
 
 
 def percent(share: float | None) -> str:
-    """Return a share [1] as a person says it."""
+    """Return a share [1] in percent."""
     if share is None or math.isnan(share):
         return NONE
     if 0.0 < share < 0.005:
@@ -125,11 +125,11 @@ def plain(text: str) -> str:
 
 
 def with_error(value: float, error: float | None) -> tuple[str, str]:
-    """Return a value and its standard error as they are worth printing, in one unit, in ASCII.
+    """Return a value and its standard error with significant digits, in one unit, in ASCII.
 
     The error has two digits and the value goes to the same decimal place, with 2 to
-    ``MOST_DIGITS`` digits.  Of an infinite error the text is empty, and the value has the two
-    digits that say where it stands; without an error, None or NaN, it has six.
+    ``MOST_DIGITS`` digits.  The text of an infinite error is empty, and the value has the two
+    digits that give its size; without an error, None or NaN, it has six.
     Source: Review of Particle Physics, Introduction, sec. 5.3 (rounding), with two digits.
     """
     if error is None or math.isnan(error) or not math.isfinite(value):

@@ -68,7 +68,7 @@ def document_of(result: Any) -> Document | dict[str, Any]:
 
 @singledispatch
 def page_of(result: Any, date: str = "") -> Report:
-    """Return a result as its page shows it, with what takes a while to compute."""
+    """Return a result as its page shows it, with the parts that take a while to compute."""
     registered(report_of.dispatch, result)
     made = page_of.dispatch(type(result))
     return report_of(result, date) if made is page_of.dispatch(object) else made(result, date)

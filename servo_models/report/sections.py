@@ -1,4 +1,4 @@
-"""What a result looks like, before anybody renders it: the one model of terminal and page.
+"""The content of a report before it is rendered: one model for terminal and page.
 
 A domain gives a ``Page``; ``terminal`` and ``html`` render it.  Texts are plain, without
 markup; numbers are ``Quantity``, so that a table can be printed and computed with.
@@ -44,10 +44,10 @@ class Table:
     """Rows under headings; every row has a cell for every column.
 
     Attributes:
-        title: what it lists, "" where the section says so.
+        title: what it lists, "" where the heading of the section says it.
         columns: headings.  A unit that all numbers of a column share joins its heading.
         rows: of cells.
-        folded: a detail: on the page behind a click, on a terminal not at all.
+        folded: a detail: on the page behind a click, not on a terminal.
     """
 
     title: str

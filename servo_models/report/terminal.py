@@ -1,4 +1,4 @@
-"""Reports for a terminal, and as plain text in ASCII as far as their authors' names allow."""
+"""Reports for a terminal, and as plain text, in ASCII except for names of users."""
 
 from __future__ import annotations
 

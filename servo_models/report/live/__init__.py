@@ -39,12 +39,12 @@ class LiveSignal:
 
     Attributes:
         name, about: of the wire.
-        unit: that people read, of which ``scale`` make one in SI.
+        unit: unit that people read; a value in SI times ``scale`` is in it.
         floor: standard deviation of its noise [SI], None where it is not measured.
         rest: value [SI] of an input that nobody drives.
         low, high: bounds of an input [SI].
         reach: its full scale [SI].
-        units: in which people write it, with what one is in SI.
+        units: units in which people write it, with their size in SI.
     """
 
     name: str
@@ -65,13 +65,13 @@ class LiveParameter:
 
     Attributes:
         name, about: as declared.
-        unit: that people read, of which ``scale`` make one in SI, which is ``si``.
+        unit: unit that people read; a value in SI times ``scale`` is in it; ``si`` is the SI unit.
         low, high: bounds [SI].
         slider: ends of its slider [SI].
         effect: that it belongs to, "" for the plant.
         switch: the value [SI] that switches its effect on, None where it is no switch.
         error: standard error [SI], None where nobody has estimated it.
-        shown: it stands among the first, as it was fitted or belongs to what was found.
+        shown: whether it is listed first, as it was fitted or belongs to an effect that was found.
     """
 
     name: str
@@ -104,7 +104,7 @@ class LiveRun:
         placed: places in the state and their values, where the log begins in motion; as ``held``.
         constants: parameters that are stated for this log, by name.
         stretches: names with the times of the file [s] between which they lie.
-        note: what of the log is not here, "" for nothing.
+        note: the part of the log that is left out, in words; "" for none.
     """
 
     name: str
@@ -132,11 +132,11 @@ class LiveModel:
         parameters: in the order of the parameter vector.
         effects: names of the effects with what they are.
         inputs, outputs: in the order of the program's columns.
-        faults: what a run may end with: the sentence by the program's code.
+        faults: sentence for a fault that ends a run, by the program's code.
         sets: values [SI] of all parameters by the name of the set, the nominal one first and the
             one that the panel begins with last.
         runs: logs; without any the panel drives the model itself.
-        driven: the input that it drives then, and how far [SI].
+        driven: input that the panel drives then, and its amplitude [SI].
         step, duration: of such a run [s].
     """
 
@@ -164,10 +164,10 @@ class Live:
         title: its heading.
         text: what to do with it, in a sentence or two.
         models: to choose from.
-        other: what values are called that are none of a model's sets.
+        other: name of values that are none of a model's sets.
         beside: what the model is compared with.
         description: name and text of the file that describes the logs, to be saved.
-        dropped: a CSV may be dropped on it.
+        dropped: whether a CSV may be dropped on it.
     """
 
     title: str
@@ -208,12 +208,12 @@ def scripts(panels: tuple[Live, ...]) -> list[str]:
 
 
 def _programs(panels: tuple[Live, ...]) -> list[str]:
-    """The programs of panels, each once: models of the same equations share one."""
+    """The programs of panels without repetition: models with the same equations share one."""
     return [*dict.fromkeys(model.program for panel in panels for model in panel.models)]
 
 
 def _shared(programs: Sequence[str]) -> list[str]:
-    """Scripts that define programs in their order; those that differ in figures are one function.
+    """Scripts that define programs in their order; those that differ in figures share a function.
 
     Variants of an actuator have the same equations, and other full scales.
     """
