@@ -1,6 +1,6 @@
 """The torque-causal form of an actuator, for physics engines: angle and rate in, torque out.
 
-MuJoCo, Gazebo and Bullet own the joint: its inertia, constraints and loads.  What belongs to whom:
+MuJoCo, Gazebo and Bullet simulate the joint: its inertia, constraints and loads.  Who has what:
 
 =============================  ===============================================================
 angle and speed of the shaft   inputs, from the joint's position, velocity and acceleration
@@ -56,7 +56,7 @@ UNIT_OF_ANGLE = "angle_unit"
 def torque_causal(actuator: Actuator) -> Actuator:
     """Return the torque-causal form of an actuator, called ``<name>_torque``.
 
-    Those of the catalogue are there by that name.  It has the variants in which nothing is on that
+    Those of the catalogue can be had by that name.  It has the variants in which nothing is on that
     belongs to the engine, and in which the shaft turns as the output does.
 
     Args:
@@ -141,14 +141,14 @@ def _is_external_load(link: Block | Placement) -> bool:
 
 
 def _is_of_the_engine(link: Block | Placement, loads: Set[str]) -> bool:
-    """``loads``: inputs that the load from outside is made of, and with it what acts on them."""
+    """Whether a link is the engine's: its effects, the law of motion, effects on ``loads``."""
     if isinstance(link, Placement):
         return link.effect in OF_THE_ENGINE or not loads.isdisjoint(link.on)
     return link == shaft_acceleration
 
 
 def _for_engine(link: Block | Placement) -> Block | Placement:
-    """Return a block as it is, but no load from outside, and no other unit of the angle than 1."""
+    """Return a block as it is, but without a load from outside and with 1 as the unit of angle."""
     if isinstance(link, Placement):
         return link
     if _is_external_load(link):

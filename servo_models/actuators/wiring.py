@@ -32,7 +32,7 @@ def turning(
 ) -> tuple[State, State]:
     """Return angle and speed of one mass as states, with full scales [rad] and [rad/s].
 
-    They are called after ``which``, and are those of the ``mass`` in words.
+    Their names begin with ``which``; ``mass`` names the body in words.
     """
     of = mass or which
     angle = Wire(f"{which}_angle", "rad", f"angle of the {of}", scales[0], display="deg")
@@ -41,12 +41,12 @@ def turning(
 
 
 def input_scale(name: str, wire: str) -> Placement:
-    """Return the place of a scale that an input's column has wrong."""
+    """Return the place of a scale error of an input's column."""
     return place(name, gain_error, wire, params=UNKNOWN_SCALE)
 
 
 def outside_sensor(name: str, wire: str) -> tuple[Placement, ...]:
-    """Return what a sensor outside the loop does to its reading of the shaft."""
+    """Return the effects of a sensor outside the loop on its reading of the shaft."""
     return (
         *effects_on(wire, f"{name}_lag"),
         place(f"{name}_gain", gain_error, wire),
@@ -55,7 +55,7 @@ def outside_sensor(name: str, wire: str) -> tuple[Placement, ...]:
 
 
 def residual_curves(command: str, load: str = "load_torque") -> tuple[Block | Placement, ...]:
-    """Return the curves of a residual map of what the shaft does, of the command and of the load.
+    """Return the curves of a residual map over the shaft's motion, the command and the load.
 
     They stand before the first wire on which the map acts.
     """

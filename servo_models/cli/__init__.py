@@ -41,7 +41,7 @@ USAGE_ERROR: Any = typer.BadParameter.__mro__[2]
 
 
 class Commands(TyperGroup):
-    """Sub-commands; a wrong name meets the same sentence as any other wrong name."""
+    """Sub-commands; a wrong name gets the same message as any other wrong name."""
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         command = super().get_command(ctx, cmd_name)

@@ -1,4 +1,4 @@
-"""What goes to the terminal: reports to stdout, progress to stderr."""
+"""Output to the terminal: reports to stdout, progress to stderr."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ RUNNER_COMMAND = re.compile(r"(?:^|[\r\n])\s*:(?=:)|##\w*(?=\[)")
 def disarmed() -> Iterator[None]:
     """Let no printed name command a CI runner: ``::error::x`` is printed as ``:\\:error::x``.
 
-    Names come out of anybody's files, and a report may break its lines anywhere, so this looks at
+    Names may come from foreign files, and a report may break its lines anywhere, so this looks at
     all that is written to stdout and stderr.
     """
     streams = [stream for stream in (sys.stdout, sys.stderr) if isinstance(stream, io.TextIOBase)]
@@ -40,7 +40,7 @@ def disarmed() -> Iterator[None]:
 
 
 class _Disarming:
-    """Write to a stream; ``line`` is what its last line has so far, as a name may be in pieces."""
+    """Write to a stream; ``line`` is its last line so far, since a name may come in pieces."""
 
     def __init__(self, stream: io.TextIOBase) -> None:
         self.stream, self.line = stream, ""

@@ -140,7 +140,7 @@ def diagnose(
 
 
 def _check_signals(path: Path, description: Path) -> None:
-    """Look at the name of a file of signals, and for the library that it takes."""
+    """Check the name of a file of signals, and that the library for it is installed."""
     from servo_models.data.plotjuggler import LAYOUT, LIBRARY
     from servo_models.data.readers.columns import extra
 

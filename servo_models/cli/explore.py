@@ -26,7 +26,7 @@ def explore(
 ) -> None:
     """Write a page that simulates in a browser, and open it.
 
-    Of a description or a log it shows what was measured beside the model: move
+    With a description or a log it shows the measurement beside the model: move
     parameters until they meet.  A CSV may be dropped on the page.  The page is
     one file; nothing leaves the machine.
 

@@ -26,7 +26,7 @@ class Format(str, Enum):
 
 
 def check_outputs(*outputs: tuple[Path | None, str], description: Path | None = None) -> None:
-    """Look at the names of files to write, each with its suffix, before long work.
+    """Check the names and suffixes of files to write before long work.
 
     Raises:
         UserError: another suffix, a folder that cannot be written, or a file that the description
@@ -118,7 +118,7 @@ def complete_input(ctx: typer.Context, incomplete: str) -> list[str]:
 
 
 def _typed(ctx: typer.Context) -> list[Any]:
-    """The actuator on an unfinished command line: not yet an argument where an option is open."""
+    """The actuator on an unfinished command line, where it may not yet be parsed as an argument."""
     from servo_models.core.catalogue import all_actuators
 
     words = [ctx.params.get("actuator"), ctx.params.get("name"), *ctx.args]

@@ -1,6 +1,6 @@
 """Simulators: one file here = one simulator, which has a ``SIMULATOR``, a ``READER`` or both.
 
-Nothing else has to know of it.
+No other file names it.
 """
 
 from __future__ import annotations

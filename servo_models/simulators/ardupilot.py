@@ -1,7 +1,7 @@
 """ArduPilot SITL: SIM_SERVO_SPEED, SIM_SERVO_DELAY and SIM_SERVO_FILTER, which all servos share.
 
-With a delay or a filter: the pulse, whole steps late, moves at 60 degrees in SPEED at most, then
-through a Butterworth filter of two poles at FILTER.  With neither SPEED is the time constant of a
+With a delay or a filter the pulse, whole steps late, moves at most 60 degrees in SPEED, then passes
+a Butterworth filter of two poles at FILTER.  With neither, SPEED is the time constant of a
 lag.  Source: ArduPilot, libraries/SITL/ServoModel.cpp and .h; libraries/Filter/LowPassFilter2p.cpp
 (DigitalBiquadFilter), LowPassFilter.cpp (DigitalLPF).  A delay of n steps acts n - 1 steps late,
 since a step writes before it reads.

@@ -36,7 +36,7 @@ NEEDED = ("kt", "R", "armature")
 
 
 def read(content: bytes, joint: str, inertia: float) -> Nominal:
-    """The motor of a file, whose load friction is taken where motor and load are in balance.
+    """The motor of a file; its load friction is that at balance of motor and load.
 
     Raises:
         UserError: no JSON of BAM, or a key that is missing or no number.

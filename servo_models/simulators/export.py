@@ -57,12 +57,12 @@ class Export:
 
     @property
     def lines(self) -> str:
-        """What to paste."""
+        """Lines to paste into the simulator's file."""
         return self.simulator.lines(self.values, self.step, self.servo.inertia)
 
     @property
     def kept(self) -> float | None:
-        """Part of the closed gap that the native law keeps, over all logs; None without a gap."""
+        """Fraction of the closed gap that the native law keeps in all logs; None without a gap."""
         told = [it for it in self.errors if it.nominal is not None]
         if not told:
             return None

@@ -193,7 +193,7 @@ def _resolved(node: ast.expr | None, constants: Mapping[str, ast.expr]) -> ast.e
 
 
 def _named(node: ast.AST) -> Iterator[tuple[str, ast.expr]]:
-    """What a dictionary or an assignment gives a name."""
+    """Names and values of a dictionary or an assignment."""
     if isinstance(node, ast.Dict):
         for key, value in zip(node.keys, node.values):
             if isinstance(key, ast.Constant) and isinstance(key.value, str):
@@ -205,7 +205,7 @@ def _named(node: ast.AST) -> Iterator[tuple[str, ast.expr]]:
 def _meant(text: ast.AST | None, joint: str) -> bool:
     """Whether an expression names a joint.
 
-    Only ``.*`` is understood: regular expressions of anybody could run for ever.
+    Only ``.*`` is understood: a foreign regular expression could run for ever.
     """
     pattern = getattr(text, "value", None)
     return isinstance(pattern, str) and fnmatchcase(joint, pattern.replace(".*", "*"))

@@ -125,7 +125,7 @@ def lines(values: Mapping[str, float], step: float, inertia: float) -> str:
 
 
 def read(content: bytes, joint: str, inertia: float) -> Nominal:
-    """An ``<actuator>`` by its name, in radians, or degrees where a name in it ends in deg.
+    """An ``<actuator>`` by its name, in radians, or in degrees if a name in it ends in deg.
 
     Raises:
         UserError: no such actuator, or a value that is a property.

@@ -90,7 +90,7 @@ def law(
 
 
 def starts(motion: Motion) -> list[dict[str, float]]:
-    """Damping by the joint, so that forcerange limits the speed, and damping by the actuator."""
+    """Starts with damping by the joint, where forcerange limits the speed, and by the actuator."""
     stiffness = motion.inertia * motion.frequency**2
     damping = 2.0 * motion.ratio * motion.frequency * motion.inertia
     effort = damping * motion.speed
@@ -226,7 +226,7 @@ def _joints(element: ET.Element, inherited: str) -> Iterator[tuple[ET.Element, s
 
 
 def _classes(root: ET.Element) -> dict[str, dict[str, dict[str, str]]]:
-    """Attributes by class and element, those of the classes around each put in."""
+    """Attributes by class and element, with those inherited from the classes around it."""
     classes: dict[str, dict[str, dict[str, str]]] = {}
     outermost: dict[str, dict[str, str]] = {}
     waiting = [(it, "main", outermost) for it in root.iterfind("default")]

@@ -17,11 +17,11 @@ LONGEST = 100  # characters of a value's origin at most: it may hold names of a 
 
 
 def nominal(file: str, inertia: float | str = 0.0) -> ParameterSet:
-    """Return what a simulator's file says of an actuator, as parameters of ours.
+    """Return the values of an actuator in a simulator's file, as parameters of ours.
 
     Args:
         file: ``FILE`` or ``FILE#JOINT``; joint, actuator or group is needed where it has several.
-        inertia: that the joint carries beside what the file says, in kg m^2 or with a unit.
+        inertia: inertia that the joint carries beside that of the file, in kg m^2 or with a unit.
 
     Raises:
         UserError: a file of no known kind, without that joint, or with what our model cannot have.
@@ -54,7 +54,7 @@ def nominal(file: str, inertia: float | str = 0.0) -> ParameterSet:
 
 
 def _kind(path: Path, content: bytes) -> str:
-    """The reader whose file this is: by the end of its name, and by a mark where several are."""
+    """The reader for this file: by the suffix, and by a mark where several have that suffix."""
     by_suffix = [name for name, it in readers().items() if path.suffix.lower() in it.suffixes]
     marked = [name for name in by_suffix if readers()[name].mark in content]
     if not by_suffix:
@@ -64,7 +64,7 @@ def _kind(path: Path, content: bytes) -> str:
 
 
 def _target(reading: Nominal) -> tuple[Actuator, str]:
-    """The actuator that has all parameters of what was read, and the variant of its command."""
+    """The actuator that has all parameters that were read, and the variant with its command."""
     for actuator in actuators().values():
         for variant in actuator.variants:
             plant = actuator.plant_of(variant.name)

@@ -24,7 +24,7 @@ Values = dict[str, tuple[float, str]]
 
 
 def parsed(content: bytes) -> ET.Element:
-    """Return the root of an XML document of anybody: without entities it cannot grow.
+    """Return the root of a foreign XML document; without entities it cannot grow.
 
     Raises:
         UserError: no XML, or a document type or entities.
@@ -50,7 +50,7 @@ def servo(
 ) -> Values:
     """Return our general servo for a = (clip(stiffness e - clipped v, effort) - free v) / inertia.
 
-    In SI at the joint; an effort of 0 is no limit.  It is that exactly: with free damping alone its
+    In SI at the joint; an effort of 0 is no limit.  The two are equal: with free damping alone the
     largest speed is effort / free, else its largest acceleration is effort / inertia, and free
     damping beside the clipped one is viscous friction.
 
@@ -98,7 +98,7 @@ def follower(origin: str, frequency: float = FAST, ratio: float = 1.0) -> Values
 
 
 def chosen(kind: str, asked: str, known: Sequence[str], cure: str) -> str:
-    """Return the one that is asked for, the only one for "".
+    """Return the name that is asked for; for "" the only known one.
 
     Raises:
         UserError: there is none, several, or none of that name.

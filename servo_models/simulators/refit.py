@@ -63,7 +63,7 @@ class Fit:
         return float(np.sqrt(np.mean(self.errors(values) ** 2)))
 
     def searched(self, begin: Mapping[str, float], fixed: Sequence[str] = ()) -> dict[str, float]:
-        """Return the values of least squares that a search finds; what is 0 stays off."""
+        """Return the least-squares values of a search; a field that begins at 0 stays off."""
         fields = [
             field
             for field in self.simulator.fields
@@ -89,7 +89,7 @@ class Fit:
 
 
 def _linear(field: Field) -> bool:
-    """Whether a field is searched as it is: a delay, and what may be negative; others as logs."""
+    """Whether a field is searched as it is, not by its log: a delay, or if it can be negative."""
     return field.low <= 0.0
 
 
@@ -103,7 +103,7 @@ def _decoded(field: Field, code: float) -> float:
 
 
 def delayed(goal: Array, steps: float) -> Array:
-    """Return a goal some time steps later; between two steps it is between them."""
+    """Return a goal some time steps later, interpolated between two steps."""
     whole = int(steps)
     part = steps - whole
     late = np.concatenate([np.full(whole + 1, goal[0]), goal])
@@ -114,9 +114,9 @@ def delayed(goal: Array, steps: float) -> Array:
 def refitted(
     simulator: Simulator, runs: Sequence[Run], step: float, inertia: float
 ) -> tuple[dict[str, float], Fit]:
-    """Return the fields that meet the diagnosed model best, by name, and how they were judged.
+    """Return the fields that fit the diagnosed model best, by name, and the fit that judged them.
 
-    The best of a grid of motions are searched from; then the delay becomes whole, and a field that
+    Searches start from the best of a grid of motions; then the delay is rounded, and a field that
     lowers the error by less than a twentieth is left out.
 
     Raises:
@@ -147,14 +147,14 @@ def refitted(
 
 
 def _whole(fit: Fit, values: Mapping[str, float]) -> dict[str, float]:
-    """The same with a delay of whole steps, the better of the two neighbours."""
+    """Values with a delay of whole steps, the better of the two neighbours."""
     ends = {float(np.floor(values[DELAY])), float(np.ceil(values[DELAY]))}
     tried = [fit.searched({**values, DELAY: end}, (DELAY,)) for end in sorted(ends)]
     return min(tried, key=fit.cost)
 
 
 def _simplified(fit: Fit, values: dict[str, float]) -> dict[str, float]:
-    """The same without the fields that hardly lower the error; a delay may stand in for one."""
+    """Values without the fields that hardly lower the error; a delay may replace one."""
     for field in fit.simulator.fields:
         if field.optional and values[field.name] != 0.0:
             without = {**values, field.name: 0.0}

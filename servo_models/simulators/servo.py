@@ -27,7 +27,7 @@ LONGEST_STEP_S = 0.005
 
 @dataclass(frozen=True)
 class Run:
-    """What an actuator did.
+    """A run of an actuator.
 
     Attributes:
         name: of the log, "" for the standard excitation.
@@ -56,7 +56,7 @@ class Servo:
         model: diagnosed.
         command: the input that it follows.
         angle: the output.
-        slope, zero: of goal [rad] = slope (command - zero).
+        slope, zero: constants of goal [rad] = slope (command - zero).
         inertia: of all that turns [kg m^2].
     """
 
@@ -72,13 +72,13 @@ class Servo:
         return np.asarray(self.slope * (command - self.zero))
 
     def active(self) -> dict[str, str]:
-        """Return the catalogue's name of each effect that is on, by that of its place."""
+        """Return the catalogue's name of each effect that is on, by the name of its place."""
         plant, values = self.model.plant, self.model.values
         on = [it for it in plant.placements if any(values[n] for n in _switches(self.model, it))]
         return {name: _catalogued(plant.main(name).effect) for name in on}
 
     def loads(self) -> Model:
-        """Return the model whose wire ``load`` has what other bodies put on a joint."""
+        """Return the model whose wire ``load`` is the load of other bodies on a joint."""
         plant = self.model.plant
         off = {
             switch: 0.0
@@ -91,7 +91,7 @@ class Servo:
 
 
 def _catalogued(effect: Block) -> str:
-    """The catalogue's name of an effect, its own where it is one of your own."""
+    """The catalogue's name of an effect; for an effect of the user its own name."""
     return next((name for name, blocks in effects().items() if effect in blocks), effect.name)
 
 
@@ -140,7 +140,7 @@ def _settled(model: Model, command: str, value: float, angle: str) -> float:
 
 
 def excited(servo: Servo, loaded: bool) -> Run:
-    """Return the response to steps, large and small, one under load, and to a sweep of sines.
+    """Return the response to large and small steps, one of them under load, and to a sine sweep.
 
     Without ``loaded`` there is no load.
     """
@@ -170,7 +170,7 @@ def excited(servo: Servo, loaded: bool) -> Run:
 
 
 def logged(servo: Servo, nominal: Model, log: Log) -> Run:
-    """Return what was measured, and what the diagnosed and the nominal model give.
+    """Return the measured angle, and those of the diagnosed and the nominal model.
 
     Raises:
         UserError: a log without an angle of the output, or one that cannot be simulated.

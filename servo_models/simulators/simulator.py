@@ -1,4 +1,4 @@
-"""What a simulator takes of an actuator: its fields, the law behind them, what the law can hold."""
+"""A simulator's form of an actuator: native fields, their law, and the effects that it holds."""
 
 from __future__ import annotations
 
@@ -78,9 +78,9 @@ class Nominal:
     """What a simulator's file says of one actuator: values [SI] of our parameters, by name.
 
     Attributes:
-        values: with where each comes from, in words.
+        values: values with their origins in words.
         command: unit of the command, ``"rad"`` or ``"s"`` for pulses: it chooses the variant.
-        warnings: in words, what our model has not or has otherwise.
+        warnings: in words, differences from our model.
     """
 
     values: Mapping[str, tuple[float, str]]
@@ -95,7 +95,7 @@ class Reader:
     Attributes:
         title: its own name.
         suffixes: ends of names of its files.
-        mark: text that tells them from others of these names.
+        mark: text by which they differ from other files with these suffixes.
         read: bytes of such a file, which joint ("" for the only one) and the inertia [kg m^2] that
             the joint carries beside what the file says.
     """
@@ -116,7 +116,7 @@ class Simulator:
         fields: the native parameters that are fitted.
         law: its documented law, written down independently of its code.
         starts: fields from which a fit begins, for a guess of the motion.
-        holds: by effect, or by the name of an effect at a place, which goes first.
+        holds: by effect, or by the name of an effect's place, which takes precedence.
         lines: fields, time step [s] and inertia [kg m^2] as text to paste.
         loaded: whether the law takes the load; else the angle is the same under any.
     """

@@ -1,4 +1,4 @@
-"""An FMU's files, unpacked within limits: nothing of the archive is believed before.
+"""An FMU's files, unpacked within limits: nothing of the archive is trusted.
 
 Names, sizes and the description are judged as the archive is unpacked.
 """
@@ -32,7 +32,7 @@ def unpacked(path: Path, megabytes: float) -> Iterator[Path]:
 
     Args:
         path: of the FMU.
-        megabytes: that its files may have together.
+        megabytes: largest size of its files together.
 
     Raises:
         UserError: no zip, a name that leads elsewhere, too much, or a description that has
@@ -97,10 +97,10 @@ def _too_large(size: int, limit: int) -> str:
 
 
 def check_xml(path: Path) -> None:
-    """Refuse what makes reading XML costly before anybody builds a tree of it.
+    """Refuse XML that is costly to read, before a tree is built of it.
 
     Raises:
-        UserError: no such file, or one that no description is like.
+        UserError: no such file, or one that cannot be a description.
     """
     if not path.is_file():
         raise UserError(f"it has no {path.name}")

@@ -70,7 +70,7 @@ class RefusedError(Exception):
 
 
 class Block:
-    """Variables that are set or got together: by type, the references and where they stand."""
+    """Variables that are set or got together: by type, the references and their places."""
 
     def __init__(self, variables: Sequence[Sequence[Any]]) -> None:
         self.size = len(variables)
@@ -115,7 +115,7 @@ class Fmu:
 class Instance:
     """One instance: initialised with ``values``, reference, type and value, at ``begin`` [s].
 
-    What FMI 3.0 calls otherwise, or gives other arguments, is a method or a name of ``Instance3``.
+    Names and calls that differ in FMI 3.0 are those of ``Instance3``.
     """
 
     prefix = "fmi2"
@@ -249,7 +249,7 @@ class Instance:
             getattr(self.fmu.library, f"{self.prefix}FreeInstance")(self.component)
 
     def _reason(self, unsaid: str) -> str:
-        """What the FMU said first, without the frame that pythonfmu puts around an exception."""
+        """First message of the FMU, without the frame that pythonfmu puts around an exception."""
         said = self.heard[0] if self.heard else unsaid
         quoted = re.search(r"RuntimeError\((.*)\)", said)
         with contextlib.suppress(ValueError, SyntaxError, RecursionError, MemoryError):
@@ -357,14 +357,14 @@ class Session:
             return {"refused": f"{type(error).__name__}: {error}"}
 
     def _limit_time(self) -> None:
-        """A process whose parent is gone does not run for ever either."""
+        """Limit the time, so that a process whose parent is gone ends too."""
         used = sum(os.times()[:2])
         if math.isfinite(self.seconds):
             _limit("RLIMIT_CPU", math.ceil(used + self.seconds) + 1, hard=False)
 
 
 def _limit(name: str, most: int, hard: bool = True) -> None:
-    """Set a limit where the system has it and lets us."""
+    """Set a limit if the system has it and permits it."""
     if sys.platform != "win32":
         with contextlib.suppress(ValueError, OSError):
             which = getattr(resource, name)

@@ -1,4 +1,4 @@
-"""The runs that are compared with references, and what the folder of an actuator offers.
+"""The runs that are compared with references, and the modules in the folder of an actuator.
 
 ``validation/<actuator>/`` holds, each where there is any:
 
@@ -42,11 +42,11 @@ class Case:
         times: communication points [s], shape (n,).
         inputs: SI columns or numbers by name; those not named stay at rest.
         reference: see ``servo_models.validation.solvers``.
-        method: what the reference is solved by.
+        method: method that solves the reference.
         linear: which bars apply.
         is_step: the main output answers one step at the first time, so its measures are judged.
         cost: outputs whose error is shown over the internal step; one case of an actuator.
-        main: output that the actuator is there for.
+        main: main output of the actuator.
     """
 
     actuator: str

@@ -84,11 +84,11 @@ class OpenFmu(ABC):
 
     @abstractmethod
     def _understand(self) -> None:
-        """Take from the description what a run needs; whatever this raises, the FMU is refused."""
+        """Take from the description what a run needs; any exception in here refuses the FMU."""
 
     @abstractmethod
     def _about(self) -> dict[str, Any]:
-        """What ``bare_host.Fmu`` has to know beside the library."""
+        """Arguments of ``bare_host.Fmu`` beside the library."""
 
     def close(self) -> None:
         """End the process and remove the unpacked files."""
@@ -141,7 +141,7 @@ class OpenFmu(ABC):
         return self._host
 
     def _library_obstacle(self) -> str:
-        """Why there is no library to load, by the description."""
+        """Why no library can be loaded, by the description."""
         interface = self.description.coSimulation
         if interface is None or not str(interface.modelIdentifier or "").isidentifier():
             return "names no library for co-simulation"
@@ -322,7 +322,7 @@ class Instance:
 
 
 def _one_line(said: str) -> str:
-    """Words of unknown origin in print: short, and without what a terminal would obey."""
+    """Foreign text for print: shortened, and without control codes of a terminal."""
     text = " ".join(said.split())
     text = "".join(letter if letter.isprintable() else "?" for letter in text)
     return text if len(text) <= LONGEST_REASON else f"{text[:LONGEST_REASON]}..."

@@ -24,7 +24,7 @@ from servo_models.validation import bare_host
 
 @dataclass(frozen=True)
 class Limits:
-    """What one FMU may take.
+    """Limits of time and size for one FMU.
 
     Attributes:
         seconds: for one comparison, wall-clock time.
@@ -106,7 +106,7 @@ class HostProcess:
         self._end("is closed")
 
     def _exchanged(self, request: str) -> str:
-        """Send a line and return the next one; the process has ended where that takes too long."""
+        """Send a line and return the next one; end the process if that takes too long."""
         answers: queue.SimpleQueue[str] = queue.SimpleQueue()
 
         def exchange() -> None:
@@ -133,7 +133,7 @@ class HostProcess:
         return line
 
     def _last_word(self) -> str:
-        """How a process ended whose pipe is closed."""
+        """How a process with a closed pipe ended."""
         try:
             code = self.process.wait(GRACE)
         except subprocess.TimeoutExpired:

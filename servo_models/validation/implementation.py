@@ -29,7 +29,7 @@ ROWS = 241
 def implementation_rows(subject: Subject) -> list[Row]:
     """Compare an FMU with its model on several grids, over a restore, and beside another.
 
-    First of all come the problems that ``fmpy validate`` finds in its description.
+    The first row counts the problems that ``fmpy validate`` finds in its description.
     """
     rows = [_description_row(subject)]
     comparisons: list[tuple[str, Callable[[], float]]] = [
@@ -55,7 +55,7 @@ def implementation_rows(subject: Subject) -> list[Row]:
 
 
 def _description_row(subject: Subject) -> Row:
-    """What fmpy finds in the description, and what is not as we write it."""
+    """Problems that fmpy finds in the description, and differences from how we write it."""
     from fmpy.validation import validate_fmu
 
     problems = [str(problem) for problem in validate_fmu(str(subject.folder))]
@@ -70,7 +70,7 @@ def _description_row(subject: Subject) -> Row:
 def _unlike_ours(subject: Subject) -> list[str]:
     """Differences of a description from the one that this version writes of the same model.
 
-    Descriptions in words do not count, nor what tells who built it.
+    Descriptions in words and the origin of the build do not count.
     """
     description = ElementTree.parse(subject.folder / DESCRIPTION).getroot()
     form, identity = form_of(subject.folder)
@@ -147,7 +147,7 @@ def _compared(subject: Subject, times: Array) -> float:
 
 
 def _restored(subject: Subject, same_instance: bool) -> float:
-    """Save in the middle, spoil the state by going on, restore, and finish the run."""
+    """Save the state in the middle, run on, restore it, and finish the run again."""
     times = irregular(ROWS)
     inputs, middle = input_signals(subject.model, times), ROWS // 2
     expected = subject.model.run(times, inputs)

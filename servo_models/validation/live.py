@@ -1,4 +1,4 @@
-"""The panel of a validation's page: each actuator that was examined, a reference beside it."""
+"""The panel of a validation's page: each examined actuator beside a reference."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ TEXT = (
 
 
 def panel(validation: Validation) -> Live | None:
-    """Return the panel: of each actuator a variant for each of its plants, beside a reference.
+    """Return the panel: for each plant of each actuator one variant beside a reference.
 
-    Of those that were examined it is the first with a run; others differ from it in values only.
+    It is the first examined variant with a run; the others differ from it in values only.
     """
     cases: dict[tuple[str, str], Case] = {}
     for case in sorted(all_cases(), key=lambda case: not case.is_step):

@@ -1,7 +1,7 @@
-"""Integrate a plant by calling its blocks as what they are: plain Python functions of floats.
+"""Integrate a plant by calling its blocks as plain Python functions of floats.
 
-Nothing here is printed, inlined or compiled, so that the text that is can be judged.  Known are
-the declarations alone (``block.py``, ``actuator.py``): a chain of functions between wires,
+Nothing here is printed, inlined or compiled, so that it can judge the text that is.  It knows
+only the declarations (``block.py``, ``actuator.py``): a chain of functions between wires,
 parameters, memories that are kept at both ends of a step, clocks at which a step ends, a
 projection after it.  An effect whose switches are all 0 is the identity by its contract, and is
 left out.
@@ -37,7 +37,7 @@ ABSOLUTE = 1e-12  # absolute tolerance of ``solve_ivp`` over a state's full scal
 
 
 class Course(NamedTuple):
-    """What an integration went through.
+    """The course of an integration.
 
     Attributes:
         times: of all its points [s], shape (m,).
@@ -52,7 +52,7 @@ class Course(NamedTuple):
 
 @dataclass(frozen=True)
 class _Link:
-    """A block at its place: where its arguments come from and where its results go."""
+    """A block at its place: the sources of its arguments and the targets of its results."""
 
     function: Callable[..., Any]
     reads: tuple[Key, ...]
@@ -128,7 +128,7 @@ class PlainPlant:
         self.links.append(_Link(block.function, tuple(reads), writes, keeps))
 
     def _setup(self) -> dict[Key, Any]:
-        """What depends on parameters alone."""
+        """Values that depend on parameters alone."""
         known = dict(self.base)
         for link in self.links:
             if not link.keeps and all(key in known for key in link.reads):
@@ -147,7 +147,7 @@ class PlainPlant:
     def look(
         self, now: float, elapsed: float, begun: list[float], states: list[float], inputs: Array
     ) -> tuple[dict[Key, Any], dict[Key, float]]:
-        """Go through the chain once: all wires, and what the memories would become."""
+        """Go through the chain once: return all wires, and the next values of the memories."""
         known = dict(self.base)
         known.update(now=now, elapsed=elapsed, due=now + DUE * self.internal_step)
         known["input_age"] = now + elapsed - self.inputs_set
@@ -180,7 +180,7 @@ class PlainPlant:
     def advance(self, now: float, end: float, inputs: Array) -> tuple[float, dict[Key, Any]]:
         """Advance from ``now`` to ``end`` or to the first clock before it.
 
-        Returns that time and all wires there, where the next inputs have not come yet.
+        Returns that time and all wires there, before the next inputs are set.
         """
         return (self._glide if self.smooth else self._step)(now, end, inputs)
 

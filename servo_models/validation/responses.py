@@ -167,7 +167,7 @@ def cost_curve(case: Case) -> CostCurve:
 def _timed(tried: Model, case: Case, columns: Array) -> tuple[float, Array]:
     """Shortest time [s] of the case and its outputs.
 
-    Timed is the case many times over in one run, so that what a run costs at its begin does
+    The timed run holds the case many times over, so that the cost of starting a run does
     not count; the first run, which may compile, is not timed.
     """
     out = tried.run(case.times, columns)
@@ -242,7 +242,7 @@ def plain_row(subject: Subject, chosen: Model, name: str) -> Row:
 def _compared(
     coarse: Course, fine: Course, responses: list[Array], step: float
 ) -> tuple[float, float, int]:
-    """Largest difference, its limit, both of the range of an output, and the rows compared."""
+    """Largest difference and its limit, both over the range of an output, and the rows compared."""
     expected = fine.outputs[fine.rows]
     scale = np.ptp(fine.outputs, axis=0)
     scale[scale == 0.0] = np.maximum(np.abs(expected[0]), 1.0)[scale == 0.0]
@@ -259,8 +259,8 @@ def _compared(
 def _tube(fine: Course, step: float) -> tuple[Array, Array]:
     """Least and largest value that each output may have at each communication point.
 
-    They are one number, but where the output jumps within an internal step of that point: there
-    every value from one such step before it to one after will do, for a jump has an instant.
+    They are equal unless the output jumps within an internal step of that point: then
+    every value from one such step before it to one after passes, as jumps may be early or late.
     """
     at_rows = fine.outputs[fine.rows]
     low, high = at_rows.copy(), at_rows.copy()

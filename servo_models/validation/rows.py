@@ -1,4 +1,4 @@
-"""What a validation says: rows under claims."""
+"""The result of a validation: rows under claims."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ def not_reproducible(
 
 
 def tightest(rows: Iterable[Row]) -> Row:
-    """Return the row that is worst: one that failed, else the one nearest to its limit."""
+    """Return the worst row: one that failed, else the one nearest to its limit."""
     return max(rows, key=_tightness)
 
 
@@ -177,7 +177,7 @@ class Validation(Result):
 
     @property
     def claims(self) -> tuple[str, ...]:
-        """What was claimed; of our own models always all."""
+        """The claims that were examined; for our own models always all."""
         used = {row.claim for row in self.rows}
         always = OWN_CLAIMS if used & {*OWN_CLAIMS} or not used else ()
         return tuple(claim for claim in CLAIMS if claim in used or claim in always)

@@ -1,9 +1,8 @@
 """Validate FMUs and actuators: claims and figures, as rows.
 
-*Implementation*: the FMU equals the simulation in this process.  *Model*: the responses of
-the FMU equal independent references.  *Paper*: the model gives the printed figures, and
-what cannot be reproduced is named.  *Reference*: any FMU, ours or not, gives the outputs that a
-reference has.
+*Implementation*: the FMU equals the simulation in this process.  *Model*: the responses of the FMU
+equal independent references.  *Paper*: the model gives the printed figures, and figures that cannot
+be reproduced are named.  *Reference*: any FMU, ours or not, gives the outputs that a reference has.
 """
 
 from __future__ import annotations
@@ -54,7 +53,7 @@ def validate(
     accuracy belong to the actuator and are measured in this process.
 
     The code of an FMU runs in a process of its own, which finds the standard library and the
-    files of the FMU only.  Whatever it does there is a row that failed.
+    files of the FMU only.  A crash or a hang there is a row that failed.
 
     Args:
         subjects: FMU files, or models that are built first; None for every actuator and
@@ -125,7 +124,7 @@ def validate(
 
 
 def every_model() -> list[Model]:
-    """Return the default model of every actuator, and one for other equations that it has."""
+    """Return the default model of every actuator, and one for each of its other plants."""
     return [
         model(actuator, variant.name)
         for actuator in actuators().values()

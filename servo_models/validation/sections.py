@@ -142,7 +142,7 @@ def _document(validation: Validation) -> ValidationDocument:
 
 @report_of.register(Validation)
 def report(validation: Validation, date: str = "", every: bool = False) -> Report:
-    """Return everything; a terminal prints of each case the figure nearest to its limit.
+    """Return all figures; a terminal prints only the figure of each case nearest to its limit.
 
     Args:
         validation: the result.
@@ -248,7 +248,7 @@ def figure(value: float | None, unit: str) -> Cell:
 
 
 def in_words(row: Row) -> str:
-    """Return a figure beside what it is held against, in one line of text."""
+    """Return a figure and its limit or reference in one line of text."""
     if row.claim == PAPER:
         printed, recomputed = row.printed, row.recomputed
         given = {"printed": printed, "recomputed": recomputed, "within": row.limit}

@@ -98,7 +98,7 @@ class LinearSystem:
         c: Sequence[Sequence[float]],
         d: Sequence[Sequence[float]],
     ) -> LinearSystem:
-        """Make a system of nested rows of numbers."""
+        """Make a system from nested rows of numbers."""
         return cls(*(np.array(rows, dtype=float) for rows in (a, b, c, d)))
 
     @classmethod
@@ -155,7 +155,7 @@ rounding does not end a regime that begins with a margin of 0."""
 class Exit:
     """A way out of a regime, taken when ``margin(x)`` falls below 0 by a hair of ``scale``.
 
-    ``land(x)`` is what follows.
+    ``land(x)`` gives the next regime and state.
     """
 
     margin: Callable[[Array], float]
@@ -172,7 +172,7 @@ class Regime:
 
 
 class Switching(Protocol):
-    """What ``follow`` integrates; ``u`` are the inputs held at present."""
+    """A system that ``follow`` integrates; ``u`` are the inputs held at present."""
 
     @property
     def start(self) -> Sequence[float]:
@@ -280,7 +280,7 @@ class Play:
         return float(self.turning @ x)
 
     def lead(self, x: Array) -> float:
-        """How far the shaft is ahead of the output, at most ``half_width`` either way."""
+        """Lead of the shaft over the output, at most ``half_width`` either way."""
         return float(x[self.shaft] - x[-1])
 
     def enter(self, x: Array, u: Values) -> tuple[Key, Array]:
@@ -341,7 +341,7 @@ class Sliding:
         return x, v
 
     def _free(self, v: float, force: float, time: float) -> tuple[float, float]:
-        """Speed after, and way in, ``time`` [s] without a reversal."""
+        """Speed and travel after ``time`` [s] without a reversal."""
         if self.viscous == 0.0:
             ends = v + force / self.mass * time
             return ends, 0.5 * (v + ends) * time

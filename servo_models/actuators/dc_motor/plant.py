@@ -101,7 +101,7 @@ TORQUES: Chain = (
 
 
 def _drive(wire: str) -> Chain:
-    """What a power stage does to its command."""
+    """Effects of a power stage on its command."""
     return effects_on(
         wire,
         "transport_delay",

@@ -1,6 +1,6 @@
 """Variants of the motors: sizes that are typical of a motor of some ten watts at 24 V.
 
-They are no product's.  Write down what your data sheet says: torque constant, resistance, rotor
+They belong to no product.  Write down what your data sheet says: torque constant, resistance, rotor
 inertia and gear ratio stand there; friction does not.
 """
 

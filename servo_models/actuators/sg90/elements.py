@@ -15,9 +15,9 @@ class Bench:
     """What the table of an element holds.
 
     Attributes:
-        columns: that it must have, which differ from row to row.
-        optional: that it may have.
-        rows: that it needs at least.
+        columns: columns that it must have, whose values differ from row to row.
+        optional: columns that it may have.
+        rows: rows that it needs at least.
     """
 
     columns: tuple[Wire, ...]

@@ -1,11 +1,11 @@
-"""Variants of the SG90: the one that people have, and those of its paper.
+"""Variants of the SG90: a real servo, and those of its paper.
 
 *measured* is identified from a real servo's steps: a gyro on the horn recorded 52 of them between 0
 and 10 to 135 degrees.  Fitted to every second amplitude by simulation error with drive saturation
 and a delay; the other amplitudes are met to 4.48 counts RMS in the 0.8 s after a command, a count
 being 7.4 deg/s.  The description that did it stands in examples/real_logs.
 
-What that log fixes and what it cannot: the speed at full drive, not the gear ratio and the
+What that log determines and what it does not: the speed at full drive, not the gear ratio and the
 motor's gain apart (K_R = 24 and a supply of 5 V are kept); the loop gain, not the amplifier
 and K_f apart (K_f = 0.1 is kept).  The gyro's scale was not known, so a commanded degree
 counts as a degree of the horn, with pulses of 544 us at 0 and 2400 us at 180 degrees

@@ -171,7 +171,7 @@ PLANT = Plant(
 
 
 def sts3215(volts: float, torque: float) -> Plant:
-    """The same with the supply [V] and the loads [N m] of an STS3215, which carries an arm."""
+    """The plant with the supply [V] and the loads [N m] of an STS3215, which carries an arm."""
     supplies, loads = ("supply", "bridge_supply"), ("load_torque", "friction", "load")
     return PLANT.rated(
         rests=dict.fromkeys(supplies, volts),

@@ -1,4 +1,4 @@
-"""What the headers of shared libraries tell: ELF, PE and Mach-O, read without loading them.
+"""Headers of shared libraries: ELF, PE and Mach-O, read without loading them.
 
 Nothing here knows how a library was built.  Bytes that are no library raise ``ValueError``.
 """
@@ -37,7 +37,7 @@ class Binary:
 
 
 def read_binary(content: bytes) -> Binary:
-    """Return what a library for one processor tells of itself.
+    """Return what the headers of a library for one processor say.
 
     Raises:
         ValueError: no shared library of 64 bits, or a damaged one.
@@ -171,7 +171,7 @@ def _pe(content: bytes) -> Binary:
     ]
 
     def at(address: int) -> int:
-        """Where in the file an address of the loaded library is."""
+        """Offset in the file of an address of the loaded library."""
         for _, _, start, length, offset in sections:
             if start <= address < start + length:
                 return int(address - start + offset)

@@ -1,4 +1,4 @@
-"""One output of an FMU beside its reference: what differs, by how much, and what that looks like.
+"""One output of an FMU against its reference: what differs, by how much, and the likely cause.
 
 The judgement is a tube: at every point the output has to come within ``value`` of what the
 reference takes within ``time`` of it, and the reference within ``value`` of what the output
@@ -73,7 +73,7 @@ class Trace:
 
     @property
     def sample(self) -> float:
-        """The longest common distance of two points [s]."""
+        """Longest distance of two neighbouring points [s]."""
         return float(np.median(np.diff(np.unique(self.times))))
 
     @property
@@ -92,7 +92,7 @@ class Trace:
     def jumps(self, strict: float = 1.0) -> tuple[Array, Array]:
         """Return times [s] and sizes of the steps between two neighbouring points.
 
-        Of a curve that may move, those are steps that stick out, the more the larger ``strict``.
+        In a curve that moves only changes far above their neighbours count: ``strict`` scales it.
         """
         change = np.diff(self.values)
         if self.held:
@@ -323,7 +323,7 @@ class _Look:
             yield Measured("largest lateness of an event", abs(worst), most, "s")
 
     def _latest(self) -> float:
-        """How late events may usually be: by all of a step where the reference has finer points."""
+        """Median lateness of events that passes: a whole step if the reference has finer points."""
         finer = self.reference.sample < 0.99 * self.sample
         share = STEP_LATE if finer else STEP_SHARE
         return max(self.limits.time, share * self.sample)
@@ -361,7 +361,7 @@ class _Look:
         return slope, _rms(left)
 
     def _scaled(self, origin: float) -> tuple[float, float]:
-        """Gain of what the reference does from a value on, and what is left."""
+        """Gain of the response over the reference, both from ``origin`` on, and what is left."""
         moved = self.right - origin
         power = float(moved @ moved)
         slope = float(moved @ (self.got - origin)) / power if power else 1.0
@@ -406,7 +406,7 @@ class _Look:
         return single[1]() if single[0] <= (ENOUGH if events else EXPLAINED) * whole else ""
 
     def _single(self) -> Iterable[tuple[float, Callable[[], str]]]:
-        """What each cause leaves, and how it is told."""
+        """The RMS difference that each cause leaves, and the sentence for it."""
         offset = float(np.mean(self.error))
         yield (
             _rms(self.error - offset),
@@ -429,7 +429,7 @@ class _Look:
         yield left, lambda: self._delay_words(delay)
 
     def _stands_still(self) -> str:
-        """An output that keeps its value for a while, and the reference goes on."""
+        """Sentence for an output that keeps its value for a while in which the reference moves."""
         changes = np.flatnonzero(np.diff(self.got))
         edges = np.concatenate([[-1], changes, [len(self.got) - 1]])
         longest = int(np.argmax(np.diff(edges)))
@@ -443,7 +443,7 @@ class _Look:
         return f"stays at {self._value(self.got[first])} from t = {since} s to {until} s"
 
     def _starts(self) -> str:
-        """A wrong beginning that fades."""
+        """Sentence for a wrong start that decays."""
         first, worst = abs(self.error[0]), float(np.max(np.abs(self.error)))
         fades = first >= 0.999 * worst and abs(self._end(self.error)) < 0.1 * first
         if not fades or abs(self.beyond[0]) <= self.limits.value or self._roughness() > 1.0:
@@ -451,7 +451,7 @@ class _Look:
         return f"starts at {self._value(self.got[0])} instead of {self._value(self.right[0])}"
 
     def _roughness(self) -> float:
-        """How far the error moves from sample to sample, by its own size: 1.4 is white noise."""
+        """RMS change of the error from sample to sample over its RMS: 1.4 is white noise."""
         return _rms(np.diff(self.error)) / (_rms(self.error - self.error.mean()) or 1.0)
 
     def _gain_words(self, gain: float, origin: float) -> str:
@@ -475,7 +475,7 @@ class _Look:
         return words
 
     def _event_words(self) -> str:
-        """What is wrong with the events, "" for nothing."""
+        """Sentence about events that differ, "" for none."""
         matched = self.matched
         if matched.missed and not matched.extra:
             return (
@@ -539,7 +539,7 @@ class _Look:
 
 @dataclass(frozen=True)
 class Matched:
-    """Events: those of the reference that were matched, how late [s]; the others, times [s]."""
+    """Events: times [s] of matched ones and their lateness [s]; times [s] of the others."""
 
     right: list[float]
     late: list[float]

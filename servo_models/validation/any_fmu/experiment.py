@@ -1,4 +1,4 @@
-"""An experiment with any FMU: what goes in, what must come out, and where that stands.
+"""An experiment with any FMU: its inputs, its reference, and the files that hold them.
 
 CSV files, the folder of a Cross-Check, or the FMU's own reference by FMI-LS-REF.
 """
@@ -35,7 +35,7 @@ WHOLE = 1e-6  # rounding of times, over the longest step or the run
 
 @dataclass(frozen=True)
 class Against:
-    """What an FMU is compared with, as a person names it.
+    """The reference of an FMU as the user names it.
 
     Attributes:
         inputs, reference, tolerance: files; no reference is the FMU's own.
@@ -64,7 +64,7 @@ class Experiment:
         step: communication step [s]; None for the points of reference and inputs.
         solver: relative tolerance for the solver in the FMU, 0 for its own.
         values: start values by name.
-        tolerance: what the outputs may be off by.
+        tolerance: largest differences of the outputs.
     """
 
     name: str

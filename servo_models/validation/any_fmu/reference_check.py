@@ -1,4 +1,4 @@
-"""Any FMU against a reference: the run, the run at half the step, and rows of what was found."""
+"""Any FMU against a reference: the run, the run at half the step, and the rows of the result."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ HALF = "difference at half the communication step"
 
 @dataclass(frozen=True, eq=False)
 class ReferenceCheck:
-    """What a comparison found: rows, and the curves of each output."""
+    """The result of a comparison: rows, and the curves of each output."""
 
     rows: tuple[Row, ...]
     compared: tuple[Compared, ...] = ()
@@ -117,7 +117,7 @@ class _Run:
         return compare(name, unit, self._reference(name), response, limits, self.step)
 
     def _half(self, values: Array, limits: Mapping[str, Allowed]) -> list[Row]:
-        """Run with the same inputs at half the step; what the FMU does may not change."""
+        """Run with the same inputs at half the step; the outputs may not change."""
         fixed = float(self.fmu.description.coSimulation.fixedInternalStepSize or 0.0)
         if fixed and abs(0.5 * self.step / fixed - round(0.5 * self.step / fixed)) > 1e-6:
             note = f"not examined: the FMU has an internal step of {number(fixed)} s"
@@ -172,7 +172,7 @@ class _Run:
         return judged(REFERENCE, where, quantity, value, limit, unit, subject=self.fmu.name)
 
     def _not_compared(self) -> list[Row]:
-        """Outputs of which the reference says nothing."""
+        """Outputs that the reference does not have."""
         left = [
             variable.name
             for variable in self.fmu.variables.values()

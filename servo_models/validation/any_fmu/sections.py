@@ -1,4 +1,4 @@
-"""What a comparison with a reference says to people: sentences, and curves in their tubes."""
+"""A comparison with a reference as people read it: sentences, and curves in their tubes."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def faults(validation: Validation) -> Section:
 
 
 def notes(validation: Validation) -> Section:
-    """Return what is not judged and worth knowing, a line each."""
+    """Return what is worth knowing but not judged, a line each."""
     told = [
         f"{row.subject}, {row.case}, {row.quantity}: {row.note}"
         for row in validation.rows

@@ -1,6 +1,6 @@
 """An FMU judged by its files: description, archive, binaries, sources; nothing is loaded or run.
 
-Each check is a row with the number of faults.  What is worth knowing and breaks no rule is a row
+Each check is a row with the number of faults.  What breaks no rule but is worth knowing is a row
 that is not judged.
 """
 
@@ -152,7 +152,7 @@ def _units(about: Any) -> list[str]:
 
 
 def _references(fmu: AnyFmu) -> list[str]:
-    """FMI 3.0 gives a reference once; in 2.0 aliases share one, but no two that are set."""
+    """A reference occurs once in FMI 3.0; in 2.0 aliases share one, but only one of them is set."""
     keys: dict[Any, list[str]] = {}
     for variable in fmu.variables.values():
         if fmu.is_fmi3:

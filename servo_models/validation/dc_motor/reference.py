@@ -55,7 +55,7 @@ class Motor:
 
     @property
     def slowing(self) -> float:
-        """Inverse of the time in which drag alone would stop it [1/s]."""
+        """Inverse of the time constant of drag alone [1/s]."""
         return self.b * 1e-3 / (self.j * 1e-7)
 
     def pushed(self, times: Array, load: Array) -> Edges:

@@ -66,7 +66,7 @@ class LinearDrive:
         return dict(zip(("position", "speed", "drive"), columns))
 
     def _instants(self, times: Array, *held: Edges) -> list[tuple[float, str, int]]:
-        """All that happens, in order: (time, what, number); the first tick is at once."""
+        """All events in order: (time, kind, number); the first tick is at time 0."""
         end = float(times[-1])
         ticks = [0.0, *(k * TICK + LATE for k in range(1, math.ceil(end / TICK) + 1))]
         happens = [

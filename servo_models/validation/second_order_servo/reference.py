@@ -61,11 +61,11 @@ class Servo:
 
     @property
     def share(self) -> float:
-        """Part of the torque that accelerates the servo itself."""
+        """Fraction of the torque that accelerates the servo itself."""
         return self.inertia / (self.inertia + self.added)
 
     def signals(self, times: Array, inputs: Mapping[str, Array]) -> list[Edges]:
-        """Reference [deg], late, and acceleration by the load torque [deg/s^2]."""
+        """Delayed reference [deg], and acceleration by the load torque [deg/s^2]."""
         asked = self.per_ms * (1e3 * inputs["pulse_width"] - CENTRE)
         asked = asked + self.per_degree * inputs["goal"] / DEGREE
         pushed = inputs["load_torque"] / (self.inertia + self.added) / DEGREE
@@ -124,7 +124,7 @@ class Limited:
         return 2.0 * s.zeta * s.omega * (self.drive(fast, x, u) - float(x[1]))
 
     def net(self, fast: int, hard: int, x: Array, u: Values) -> float:
-        """Acceleration [deg/s^2] but for dry friction."""
+        """Acceleration [deg/s^2] without dry friction."""
         acceleration = hard * self.servo.hardest if hard else self.wanted(fast, x, u)
         return self.servo.share * acceleration - u[1]
 
@@ -134,7 +134,7 @@ class Limited:
         return self.servo.friction / (self.servo.inertia + self.servo.added) / DEGREE
 
     def enter(self, x: Array, u: Values) -> tuple[Key, Array]:
-        """Choose all three by the laws themselves."""
+        """Choose all three regimes by the laws."""
         fast = _beyond(self.asked(x, u), self.servo.fastest)
         hard = _beyond(self.wanted(fast, x, u), self.servo.hardest)
         return (fast, hard, self.sliding(fast, hard, x, u)), x
@@ -146,7 +146,7 @@ class Limited:
         return _beyond(self.net(fast, hard, x, u), self.dry)
 
     def regime(self, key: Key, u: Values) -> Regime:
-        """Leave it where a limit is met or left, at standstill and at breakaway."""
+        """A regime that ends where a limit is met or left, at standstill and at breakaway."""
         fast, hard, way = cast("Regimes", key)
         s = self.servo
 

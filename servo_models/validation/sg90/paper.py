@@ -162,7 +162,7 @@ def _equation_7() -> list[Row]:
 
 
 def _dead_zone() -> list[Row]:
-    """Angle errors that the printed servo leaves standing, from where its motor stays at rest."""
+    """Remaining angle errors of the printed servo: those at which its motor stays at rest."""
     made = []
     for variant, k_f in (("printed", 0.1), ("printed_kf018", 0.18)):
         for side, edge in ((1.0, 0.5), (-1.0, 0.6)):
@@ -181,7 +181,7 @@ def _dead_zone() -> list[Row]:
 
 
 def _smallest_error(variant: str, k_f: float, side: float) -> float | None:
-    """Error [deg] of the smallest pulse change, a level at a time, that moves the servo."""
+    """Error [deg] of the smallest pulse change, tried level by level, that moves the servo."""
     times, chosen = grid(0.1, 0.02), model("sg90", variant)
     for level in range(1, 40):
         command = (math.floor(0.375 * 1024.0 / 5.0) + side * level + 0.5) * 5.0 / 1024.0

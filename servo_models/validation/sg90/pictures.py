@@ -1,4 +1,4 @@
-"""Pictures of the SG90: the one that people have beside the paper's, and the paper's figures."""
+"""Pictures of the SG90: a real servo beside the paper's, and the paper's figures."""
 
 from __future__ import annotations
 

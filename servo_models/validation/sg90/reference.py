@@ -2,7 +2,7 @@
 
 Source: S. Kochuk et al., "Methodology of synthesis nonlinear mathematical model of a
 servo"; secs. 4.1 to 4.4, eqs. 5 to 7.  The angle is counted from the middle of the
-potentiometer, at which the servo rests with a pulse of 1.5 ms.  ``RealServo`` is another one: the
+potentiometer, where the servo rests at a pulse of 1.5 ms.  ``RealServo`` is another one: the
 servo that people have.
 """
 
@@ -169,7 +169,7 @@ class Printed:
         return self._rest_or_go(piece, x, u)
 
     def _rest_or_go(self, piece: int, x: Array, u: Values) -> tuple[Key, Array]:
-        """On a stop and pushed against it nothing moves; the piece lasts."""
+        """A regime on a stop: nothing moves while the servo is pushed against it."""
         _, _, slope, at_0 = self.pieces(u)[piece]
         push = slope * self.wanted(x, u) + at_0
         held = x[1] == 0.0 and abs(x[0]) >= STOP and push * x[0] > 0.0

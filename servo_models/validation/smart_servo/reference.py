@@ -65,7 +65,7 @@ class SmartServo:
         return dict(zip(OUTPUTS, np.array(out).T))
 
     def _instants(self, times: Array, edges: list[float]) -> list[tuple[float, str]]:
-        """All that happens in order; a row comes before what begins there, but the first."""
+        """All events in order; a row comes before events at its time, except the first row."""
         end = float(times[-1])
         happens = [
             *((time, "change") for time in edges),

@@ -127,7 +127,7 @@ class Contact:
     """Eqs. 3 to 7 with inelastic stops and dry friction.
 
     ``stop`` is the half range [rad], infinite for none.  Friction is ``friction`` [N m],
-    more by ``excess`` exp(-(v / stribeck)^2); at rest it holds whatever it can.
+    more by ``excess`` exp(-(v / stribeck)^2); at rest it holds any torque up to that.
     """
 
     constants: Constants
@@ -146,7 +146,7 @@ class Contact:
         return {name: columns[:, k] for k, name in enumerate(OUTPUTS)}
 
     def torque(self, x: Array, u: Values) -> float:
-        """Torque [N m] on the rotor but for dry friction."""
+        """Torque [N m] on the rotor without dry friction."""
         k = self.constants
         return float(k.k_t * x[0] - k.k_s * x[1] - k.k_f * x[2] - u[1])
 
@@ -252,7 +252,7 @@ class TwoMasses:
 
 @dataclass(frozen=True)
 class MotorBacklash:
-    """Torque motor without stops behind whose rotor is a play of +/- ``half_width`` [rad]."""
+    """Torque motor without stops, with a play of +/- ``half_width`` [rad] behind the rotor."""
 
     constants: Constants
     half_width: float
