@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 DURATION = 2.0  # duration of the run in stop times of the actuator
-POINTS = 2001
+POINTS = 2001  # communication points of the run
 BREAKS = (0.0, 0.05, 0.05, 0.45, 0.85, 1.0)  # times of the command's corners over the run's
 HEIGHTS = (0.0, 0.0, 1.0, 1.0, -1.0, -1.0)  # command at the corners in standard steps
 STRENGTHS = (1.0, 3.0, 10.0, 0.3, 0.1)

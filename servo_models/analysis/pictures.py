@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 SUFFIXES = (".svg", ".png", ".pdf")
 PANEL = 1.25  # height of a panel [inch]
 MARGIN = 1.0  # height of title and time axis together [inch]
-WIDTH = 7.0
+WIDTH = 7.0  # width of a figure [inch]
 POINTS = 601  # points of a curve
 LEAD = 0.04  # rest shown before time 0 over the duration of the run, so that a step is seen as one
 SMALL = 1e-9

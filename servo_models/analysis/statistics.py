@@ -12,8 +12,8 @@ import numpy as np
 
 from servo_models.core.types import Array, Mask
 
-LAGS = 25
-ORDERS = 20
+LAGS = 25  # lags of the tests of residuals
+ORDERS = 20  # highest order of an autoregression
 LONGEST = 2000  # lags of an autocovariance at most
 PREDICTED = 1e-8
 """Fraction of the variance that the past leaves unpredicted, below which it is rounding: higher

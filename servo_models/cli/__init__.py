@@ -34,7 +34,7 @@ from servo_models.cli.simulate import simulate
 from servo_models.cli.validate import validate
 from servo_models.errors import UserError, did_you_mean
 
-EXIT_FAILED = 2
+EXIT_FAILED = 2  # exit code of a command that could not run
 INTERRUPTED = 130  # exit status that typer gives Ctrl-C, without a message
 USAGE_ERROR: Any = typer.BadParameter.__mro__[2]
 """Base class of all errors of the command line, which typer does not export."""

@@ -27,7 +27,7 @@ from servo_models.cli.options import (
 )
 from servo_models.errors import UserError
 
-GAP_FOUND = 1
+GAP_FOUND = 1  # exit code
 
 
 def diagnose(

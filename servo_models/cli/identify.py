@@ -19,7 +19,7 @@ from servo_models.cli.options import (
 )
 from servo_models.errors import UserError
 
-NOT_BELIEVABLE = 1
+NOT_BELIEVABLE = 1  # exit code
 
 
 def identify(

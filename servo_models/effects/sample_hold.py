@@ -5,8 +5,8 @@ from typing import Annotated
 
 from servo_models.core.block import Clock, Grid, Hints, Memory, Param, effect
 
-MULTIPLIER = 16807.0
-MODULUS = 2147483647.0
+MULTIPLIER = 16807.0  # multiplier of the generator of Park and Miller
+MODULUS = 2147483647.0  # 2^31 - 1
 SHORTEST = 1e-6  # frame [s] below which the signal counts as continuous
 
 

@@ -15,7 +15,7 @@ from servo_models.core.block import (
     effect,
 )
 
-EDGES = 512
+EDGES = 512  # changes of the input that a delay holds at most
 
 
 @effect(

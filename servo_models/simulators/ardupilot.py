@@ -30,7 +30,7 @@ from servo_models.simulators.simulator import (
 )
 
 PREFIX = "SIM_SERVO_"
-DEFAULT_SPEED_S = 0.14
+DEFAULT_SPEED_S = 0.14  # time for 60 degrees
 ARC = math.radians(60.0)  # rad, the way that SPEED is the time for
 BUTTERWORTH = math.sqrt(0.5)  # damping ratio
 

@@ -106,7 +106,7 @@ HOLDS: Mapping[str, Held] = {
 }
 
 
-NO_LIMIT = 1e9
+NO_LIMIT = 1e9  # limit [N m or rad/s] that is none
 LIMITS = ("effort_limit", "velocity_limit_sim")
 """Fields that the USD file gives unless the configuration says that there is no limit."""
 

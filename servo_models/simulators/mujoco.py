@@ -39,7 +39,7 @@ from servo_models.simulators.simulator import (
 IMPEDANCE = 0.9  # d of a friction loss: the first number of solimpfriction
 WIDEST_IMPEDANCE = 0.95  # d_width: the second number of solimpfriction
 TIME_CONSTANT_S = 0.02  # the first number of solreffriction
-FRICTION_DAMPING = 2.0 / WIDEST_IMPEDANCE
+FRICTION_DAMPING = 2.0 / WIDEST_IMPEDANCE  # damping b of a friction loss times timeconst
 SHORTEST_STEPS = 2.0  # shortest time constant of a constraint in time steps
 
 FIELDS = (

@@ -14,9 +14,9 @@ from servo_models.simulators.servo import Run
 from servo_models.simulators.simulator import DELAY, Field, Motion, Simulator
 
 FREQUENCIES = np.geomspace(2.0, 300.0, 9)  # rad/s
-RATIOS = (0.5, 1.0, 3.0)
-DELAYS_S = (0.0, 0.01, 0.03, 0.1)
-BEST_STARTS = 3
+RATIOS = (0.5, 1.0, 3.0)  # damping ratios from which searches start
+DELAYS_S = (0.0, 0.01, 0.03, 0.1)  # delays from which searches start
+BEST_STARTS = 3  # starts that are searched from, for each set of fields
 MOST_EVALUATIONS = 60  # gradients in a search at most
 DIFFERENCE = 1e-3  # relative step of a difference quotient
 EARNED = 0.05

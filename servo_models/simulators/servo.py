@@ -20,9 +20,9 @@ from servo_models.simulators.simulator import EXACT, NO_FIELD, OF_JOINTS
 INERTIA = "shaft_inertia"  # wire of every plant with a shaft, see ``actuators/shaft.py``
 LOAD = "load"  # wire of every plant with a shaft
 SMALL_STEP = 0.1  # small step over the standard step
-SWEEP_PERIODS = 8.0
+SWEEP_PERIODS = 8.0  # periods of the sweep
 LOAD_SHARE = 0.2  # load over its full scale
-LONGEST_STEP_S = 0.005
+LONGEST_STEP_S = 0.005  # longest communication step
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ if sys.platform != "win32":
 
 WARNING = 1  # status of a call; a higher one is a failed call
 ERROR = 3  # status from which messages are kept
-CO_SIMULATION = 1
+CO_SIMULATION = 1  # kind of FMU, fmi2CoSimulation
 LARGEST_FILE = 1 << 28  # bytes that a slave may write to a file
 PLATFORMS = {
     "win32": ("win64", ".dll"),

@@ -23,7 +23,7 @@ Element = tuple[str, dict[str, str]]
 LIMIT = 1e-12  # largest difference of an output over its full scale; the aim is 0, bit for bit
 STEPS = (0.7e-3, 1e-3, 3.3e-3, 20e-3)
 """Communication steps [s]; 0.7 and 3.3 ms are no multiples of any internal step."""
-ROWS = 241
+ROWS = 241  # communication points of a run
 
 
 def implementation_rows(subject: Subject) -> list[Row]:

@@ -35,7 +35,7 @@ from servo_models.validation.rows import MODEL, CostCurve, Row, Validation, fail
 Progress = Callable[[int, int, str], None]
 """Called with the number of jobs done, the number of all, and the name of the next one."""
 Job = tuple[str, Callable[[], list[Row] | CostCurve | ReferenceCheck]]
-"""What is examined, and how; no rows where the FMU is over, since its first row says why."""
+"""Name and function of an examination; no rows after the FMU stopped: its first row says why."""
 
 
 def validate(

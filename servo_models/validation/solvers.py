@@ -145,7 +145,7 @@ class LinearSystem:
 Key = Hashable
 Values = tuple[float, ...]
 
-RELATIVE = 1e-11
+RELATIVE = 1e-11  # tolerance of ``solve_ivp``; the absolute one is relative to full scale
 HAIR = 1e-12
 """Fraction of full scale by which a margin has to be negative before its regime ends, so that
 rounding does not end a regime that begins with a margin of 0."""

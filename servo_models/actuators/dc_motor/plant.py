@@ -19,7 +19,7 @@ from servo_models.core.catalogue import effects_on
 from servo_models.core.plant import Placement, Plant, State, Wire, internal_step, place
 from servo_models.effects.gear_compliance import compliant_load, compliant_output, resonance_step
 
-TURN = 2.0 * math.pi
+TURN = 2.0 * math.pi  # rad
 VOLTS = 24.0
 AMPERES = 2.0  # continuous current; the peak is several times as large
 SPEED = 600.0  # rad/s, about 6000 rpm

@@ -16,10 +16,10 @@ from servo_models.actuators.dc_motor.plant import (
 )
 from servo_models.core.plant import Variant
 
-RPM = 2.0 * math.pi / 60.0
+RPM = 2.0 * math.pi / 60.0  # rad/s in a revolution per minute
 COUNTS_PER_TURN = 8192.0
 SIZE = "typical size of a 24 V motor of some ten watts; no product: give the data sheet's values"
-RPM_RATED = 6000.0
+RPM_RATED = 6000.0  # rated speed [rev/min]
 
 ROTOR = {
     "rotor_inertia": 1e-5,
@@ -28,7 +28,7 @@ ROTOR = {
     "viscous_coefficient": 2e-6,
 }
 WINDING = {"resistance": 2.0, "winding_lag.time_constant": 5e-4}
-RATIO = 50.0
+RATIO = 50.0  # turns of the motor in a turn of the output
 GEARBOX = {"gear_ratio": RATIO}
 LOOP = {"speed_gain": 0.02, "integral_time": 0.05, "current_limit": 5.0}
 
@@ -83,7 +83,7 @@ ODRIVE = {
 """Defaults of its firmware: gain 5e-4 A/(count/s), position gain 20 /s.  A position loop on the
 integral of the commanded speed is an integral part with T_i = 1 / 20 s."""
 
-ODRIVE_TORQUE = ODRIVE["torque_constant"] * ODRIVE["current_limit"]
+ODRIVE_TORQUE = ODRIVE["torque_constant"] * ODRIVE["current_limit"]  # N m
 ODRIVE_PLANT = SPEED_PLANT.rated(
     scales={
         **dict.fromkeys(("load_torque", "motor_torque", "friction", "load"), ODRIVE_TORQUE),

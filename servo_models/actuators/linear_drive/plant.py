@@ -18,7 +18,7 @@ from servo_models.effects.gain_error import gain_error
 from servo_models.effects.load_inertia import load_inertia
 from servo_models.effects.residual_map import residual_drive, residual_reading, residual_torque
 
-STROKE = 0.25
+STROKE = 0.25  # half range of the carriage [m]
 
 INPUTS = (
     Wire("reference", "m", "commanded position", scale=0.02, low=-1.0, high=1.0, display="mm"),

@@ -16,7 +16,7 @@ from servo_models.core.block import Param, block
 
 SECOND_ORDER = "Franklin, Powell, Emami-Naeini, Feedback Control of Dynamic Systems, 2015, sec. 3.3"
 CASCADE = "Ellis, Control System Design Guide, 2012, ch. 17 (P position loop about a speed loop)"
-REST_PULSE = 1.5e-3
+REST_PULSE = 1.5e-3  # pulse in the middle of the range [s]
 
 
 @block("shaft_inertia", "full_speed", "angle_unit")

@@ -14,7 +14,7 @@ from typing import Annotated
 from servo_models.core.block import Mode, Param, block
 
 PAPER = "SG90 paper"
-REST_PULSE = 1.5e-3
+REST_PULSE = 1.5e-3  # pulse in the middle of the range [s]
 
 
 @block("shaft_inertia", "stall_stiffness", source="data sheet: 1.8 kg cm at 4.8 V")

@@ -24,7 +24,7 @@ from servo_models.actuators.sg90.plant import HALF_RANGE, OSCILLATORY_PLANT, PAP
 from servo_models.core.plant import Variant
 
 PULSE_PER_ANGLE = (2400e-6 - 544e-6) / math.pi  # seconds of pulse per radian
-FEEDBACK = 0.1
+FEEDBACK = 0.1  # feedback coefficient K_f
 SUPPLY = 5.0  # V
 FRAME = 0.02  # s
 
@@ -56,11 +56,11 @@ MEASURED = Variant(
     step_size=1e-3,
 )
 
-TIME_CONSTANT = 1.0 / 1.307
-DYNAMIC_GAIN = 633.3 / 1.307
-GAIN_LOADED = 7.47
-GAIN_UNLOADED = 5.79
-STATIC_GAIN = 425.64
+TIME_CONSTANT = 1.0 / 1.307  # s
+DYNAMIC_GAIN = 633.3 / 1.307  # rad/s/V, of eq. 6
+GAIN_LOADED = 7.47  # V/V
+GAIN_UNLOADED = 5.79  # V/V
+STATIC_GAIN = 425.64  # rad/s/V, of the motor characteristic
 LINEAR = {
     "motor_time_constant": TIME_CONSTANT,
     "motor_gain": DYNAMIC_GAIN,

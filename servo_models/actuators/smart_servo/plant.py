@@ -36,7 +36,7 @@ from servo_models.effects.gear_compliance import compliant_load, compliant_outpu
 from servo_models.effects.residual_map import residual_drive, residual_reading, residual_torque
 from servo_models.effects.saturation import saturation
 
-COUNT = 2.0 * math.pi / 4096.0
+COUNT = 2.0 * math.pi / 4096.0  # rad
 XL330_VOLTS = 5.0  # voltage at which the data sheet gives stall torque and speed
 STS3215_VOLTS = 7.4  # supply of the smaller version
 STS3215_HIGH_VOLTS = 12.0  # supply of the larger version

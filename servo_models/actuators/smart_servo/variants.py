@@ -47,7 +47,7 @@ def dc_motor(voltage: float, stall_torque: float, no_load_speed: float) -> dict[
 
 
 FIRMWARE = {"sample_hold.period": 1e-3, "sensor_quantisation.step": COUNT}
-RPM = 2.0 * math.pi / 60.0
+RPM = 2.0 * math.pi / 60.0  # rad/s in a revolution per minute
 UNCERTAIN = {
     "inertia": 0.3,
     "torque_constant": 0.3,

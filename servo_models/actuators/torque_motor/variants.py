@@ -60,7 +60,7 @@ GREY_BOX = GreyBox(
 )
 
 EQ_12 = (241560.0, 492.0, 1582240.0, 184512000.0)
-EQ_12_DELAY = 0.0011
+EQ_12_DELAY = 0.0011  # s
 
 _uncertain = {
     "torque_constant": 0.25,

@@ -16,7 +16,7 @@ from servo_models.validation.rows import FILES, REFERENCE, Validation
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-MOST_PICTURES = 12
+MOST_PICTURES = 12  # outputs that are drawn at most
 MOST_POINTS = 2000  # points of a curve in a picture, at most about
 
 

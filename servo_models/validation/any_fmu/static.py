@@ -26,7 +26,7 @@ from servo_models.validation.rows import FILES, Row, Validation, judged
 Found = tuple[str, str, list[str], bool]
 """Group, check, findings, and whether these are faults."""
 
-MOST_TOLD = 3
+MOST_TOLD = 3  # faults of a check that are named at most
 FOLDERS = ("binaries", "sources", "resources", "documentation", "extra", "terminalsAndIcons")
 AT_TOP = ("modelDescription.xml", "model.png", "buildDescription.xml")
 PLATFORMS = {

@@ -16,12 +16,12 @@ import numpy as np
 from servo_models.core.types import Array
 from servo_models.validation.solvers import SAME_TIME, Edges, Sliding, changes, value_at
 
-TICK = 1e-3
+TICK = 1e-3  # sample time of the controller [s]
 LATE = 1e-7  # time [s] from a whole millisecond to the tick of the controller
 K_P = 160.18  # position gain [1/s]
 K_V = 243.45  # speed gain [V s/m]
 G_TAU = 35.15  # force per drive [N/V]
-FULL_DRIVE = 10.0
+FULL_DRIVE = 10.0  # largest drive [V]
 
 
 @dataclass(frozen=True)

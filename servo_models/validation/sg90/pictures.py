@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 COEFFICIENTS = {"_kf018": 0.18, "": 0.1, "_kf005": 0.05}
 """Feedback coefficient K_f by the ending of the variant's name."""
-SHOWN = 15.0
-STEP = 2.0e-3
+SHOWN = 15.0  # duration that is drawn [s]
+STEP = 2.0e-3  # pulse after the step [s]
 CHANGE = 0.5e-3  # size of the step from the pulse at rest [s]
 SWING = math.radians(60.0)
 FIRST = 0.02  # time [s] from which both servos are drawn

@@ -29,18 +29,18 @@ from servo_models.validation.solvers import (
     sampled,
 )
 
-VOLTS_PER_SECOND = 5.0 / 0.020
-REST = 1.5e-3
-K_FS = 0.025
-GEAR = 24.0
-POLE = 1.307
-VOLTS_PER_LOAD = 1.923 / 0.1765
+VOLTS_PER_SECOND = 5.0 / 0.020  # command [V] over pulse [s]
+REST = 1.5e-3  # pulse in the middle of the range [s]
+K_FS = 0.025  # potentiometer [V/deg]
+GEAR = 24.0  # turns of the motor in a turn of the output
+POLE = 1.307  # pole of the motor, negated [1/s]
+VOLTS_PER_LOAD = 1.923 / 0.1765  # motor voltage over load torque [V/(N m)]
 LOADED = 7.47  # gain of the amplifier with a load [V/V]
 UNLOADED = 5.79  # gain of the amplifier without a load [V/V]
-STOP = 90.0
+STOP = 90.0  # half range [deg]
 DEGREE = math.pi / 180.0
 
-LINE = 425.64
+LINE = 425.64  # slope of the characteristic [rad/s/V]
 CURVE = (
     (-math.inf, -1.5, 0.0, -544.0),
     (-1.5, -0.6, LINE, 1.5 * LINE - 544.0),
@@ -257,7 +257,7 @@ REAL_G = 51.1  # gain of the motor [rad/s/V]
 REAL_A = 77.7  # gain of the amplifier [V/V]
 REAL_DELAY = 0.0289  # delay of the command [s]
 REAL_BACK = VOLTS_PER_SECOND * 1856e-6 / math.pi  # k_f k_FS [V/rad]
-REAL_VOLTS_PER_LOAD = 4.8 / 0.1765
+REAL_VOLTS_PER_LOAD = 4.8 / 0.1765  # motor voltage over load torque [V/(N m)]
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from servo_models.validation.cases import grid
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-GOAL = 0.3
+GOAL = 0.3  # rad
 FRICTION = 0.05  # Coulomb friction [N m], a tenth of the stall torque
 
 

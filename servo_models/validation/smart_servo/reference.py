@@ -16,8 +16,8 @@ import numpy as np
 from servo_models.core.types import Array
 from servo_models.validation.solvers import Sliding, changes, value_at
 
-TICK = 1e-3
-COUNTS = 4096
+TICK = 1e-3  # sample time of the firmware [s]
+COUNTS = 4096  # counts of the encoder in a turn
 OUTPUTS = ("angle", "rate", "angle_reading", "duty", "current")
 
 

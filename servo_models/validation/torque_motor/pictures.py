@@ -29,7 +29,7 @@ STOP = 3.0  # half range between the stops [deg]
 FRACTIONS = {2.80: 0.1, 9.37: 0.632, 20.23: 0.9}
 """Fraction of the final angle by the time [ms] at which eq. 12 reaches it."""
 
-SHOWN = 0.06
+SHOWN = 0.06  # duration that is drawn [s]
 
 SINES = np.array([2.0, 5.0, 10.0, 20.0, 35.0, 50.0, 75.0, 100.0, 150.0, 188.0, 230.0, 300.0])
 """Frequencies [Hz] of the simulated sine runs."""

@@ -27,8 +27,8 @@ from servo_models.validation.solvers import (
 )
 
 OUTPUTS = ("angle", "rate", "current", "motor_torque", "at_stop")
-STOP = 3.0 * math.pi / 180.0
-DELAY = 0.0011
+STOP = 3.0 * math.pi / 180.0  # half range [rad]
+DELAY = 0.0011  # delay of the voltage [s]
 TORQUE = 0.05  # full scale of torque [N m]
 
 
