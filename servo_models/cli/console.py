@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 import re
 import sys
 from collections.abc import Callable, Iterable, Iterator
@@ -74,8 +75,12 @@ def show(report: Report, width: int = ONE_LINE) -> None:
 
 @contextmanager
 def progress(label: str, lines: bool = False) -> Iterator[Progress]:
-    """Show a bar on stderr while the block runs; in a pipe ``lines``, one a job, or nothing."""
+    """Show a bar on stderr while the block runs; in a pipe ``lines``, one a job, or nothing.
+
+    ``SERVO_MODELS_PROGRESS=lines`` asks every command for lines, as ``explore --serve`` does.
+    """
     if not sys.stderr.isatty():
+        lines = lines or os.environ.get("SERVO_MODELS_PROGRESS") == "lines"
         yield _print_job if lines else lambda done, total, doing: None
         return
     from rich.console import Console
@@ -90,4 +95,5 @@ def progress(label: str, lines: bool = False) -> Iterator[Progress]:
 
 def _print_job(done: int, total: int | None, doing: str) -> None:
     if doing:
-        print(f"{done + 1} of {total}: {doing}"[:NARROW], file=sys.stderr, flush=True)
+        line = f"{done + 1} of {total}: {doing}"[:NARROW] if total else doing
+        print(line, file=sys.stderr, flush=True)

@@ -19,9 +19,23 @@ def explore(
             autocompletion=complete_actuator,
         ),
     ] = None,
-    out: Annotated[Path, file_option("The page that is written (.html).")] = Path("explore.html"),
+    out: Annotated[
+        Path | None,
+        file_option(
+            "The page that is written (.html); default: explore.html. With --serve the folder for"
+            " all that is saved; default: NAME_explored, beside the file."
+        ),
+    ] = None,
     actuator: MadeBy = None,
     show: Annotated[bool, typer.Option(help="Open the page in a browser.")] = True,
+    serve: Annotated[
+        bool,
+        typer.Option(
+            "--serve",
+            help="Serve the page to this machine alone, with buttons that run check, identify and"
+            " diagnose; Ctrl-C ends it.",
+        ),
+    ] = False,
     trust: Trust = False,
 ) -> None:
     """Write a page that simulates in a browser, and open it.
@@ -34,20 +48,39 @@ def explore(
 
     servo-models explore sg90
 
-    servo-models explore mine.toml
+    servo-models explore mine.toml --serve
 
     servo-models explore log.csv --actuator smart_servo --out mine.html
     """
     import webbrowser
+    from contextlib import suppress
 
     from servo_models.cli.console import progress
-    from servo_models.files import write_whole
+    from servo_models.files import scratch, write_whole
     from servo_models.identification.live import explored
     from servo_models.report.html import page
 
-    check_outputs((out, ".html"))
-    with progress(f"writing {out}"):
-        write_whole(out, page(explored(what, actuator, trust)).encode())
-    print(f"wrote '{out}'")
-    if show:
-        webbrowser.open(out.resolve().as_uri())
+    if not serve:
+        path = out or Path("explore.html")
+        check_outputs((path, ".html"))
+        with progress(f"writing {path}"):
+            write_whole(path, page(explored(what, actuator, trust)).encode())
+        print(f"wrote '{path}'")
+        if show:
+            webbrowser.open(path.resolve().as_uri())
+        return
+    from servo_models.cli.serve import served
+
+    file = Path(what or "all")
+    folder = out or file.with_name(f"{file.stem}_explored")
+    with progress(f"simulating {file}"):
+        report = explored(what, actuator, trust)
+    with served(report, file, folder, actuator, trust) as server, scratch() as place:
+        print(f"serving {server.url} until Ctrl-C", flush=True)
+        if show:  # by a file that is ours alone: every user sees the words of a command
+            link = place / "open.html"
+            link.write_text(f'<meta http-equiv="refresh" content="0; url={server.url}">', "utf-8")
+            webbrowser.open(link.as_uri())
+        with suppress(KeyboardInterrupt):
+            server.serve_forever()
+    print(f"saved in '{folder}'")

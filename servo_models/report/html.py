@@ -30,7 +30,7 @@ def page(report: Page) -> str:
     scripts = live.scripts(panels)
     made: str = _template(report).page(  # type: ignore[attr-defined]
         Markup(sheets),
-        live.policy(scripts),
+        live.policy(scripts, any(panel.served for panel in panels)),
         [Markup(text) for text in scripts],
         Markup(live.data(panels)),
     )

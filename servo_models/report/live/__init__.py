@@ -1,8 +1,9 @@
 """A panel that simulates in the reader's browser: the data that a page needs for it.
 
 A page holds the model as JavaScript, printed from its declaration, and the data as JSON; the
-panel in ``panel.js`` draws them, with uPlot.  Nothing is asked of a server, and texts become text
-of the page, never markup.  Numbers are SI; ``scale`` turns them into the unit that people read.
+panel in ``panel.js`` draws them, with uPlot.  Only a page of ``explore --serve`` asks a server.
+Texts become text of the page, never markup.  Numbers are SI; ``scale`` turns them into the unit
+that people read.
 
     Live("Move the parameters", (LiveModel(name="sg90", program=js_model(flat), ...),))
 """
@@ -31,6 +32,7 @@ FIGURE = re.compile(r"(?<![\w$.])(\d[\w.]*(?:(?<=e)[-+]\d+)?)")  # number in a s
 LET = re.compile(r"(?<=0);\nlet (?=\S+=0;)")  # declaration of a variable after another
 SPACE = re.compile(r" ?([=*/<>?:,;(){}|&]) ?| ([+-]) (?![+-])")
 """Operators whose blanks can go: not those of ``a - -b``, where they keep the signs apart."""
+SERVED = "; connect-src 'self'"  # what the policy of a served page adds
 
 
 @dataclass(frozen=True)
@@ -168,6 +170,7 @@ class Live:
         beside: what the model is compared with.
         description: name and text of the file that describes the logs, to be saved.
         dropped: whether a CSV may be dropped on it.
+        served: whether it has buttons that ask its server to run commands.
     """
 
     title: str
@@ -177,6 +180,7 @@ class Live:
     beside: str = "measured"
     description: tuple[str, str] = ("", "")
     dropped: bool = False
+    served: bool = False
 
 
 def encoded(values: NDArray[np.float64]) -> str:
@@ -201,7 +205,8 @@ def scripts(panels: tuple[Live, ...]) -> list[str]:
     library = f"/*\n{asset('uPlot.LICENSE')}*/\n{asset('uPlot.iife.min.js')}"
     models = _shared([_short(it) for it in _programs(panels)])
     explorer = [asset("explore.js")] if any(panel.dropped for panel in panels) else []
-    texts = [library, *models, *explorer, asset("panel.js")]
+    server = [asset("serve.js")] if any(panel.served for panel in panels) else []
+    texts = [library, *models, *explorer, *server, asset("panel.js")]
     if any("</script" in text.lower() or "<!--" in text for text in texts):
         raise ValueError("a script would end its element")
     return texts
@@ -263,11 +268,14 @@ def data(panels: tuple[Live, ...]) -> str:
     return _deflated(finite_json([asdict(panel) for panel in numbered]).encode())
 
 
-def policy(texts: list[str]) -> str:
-    """Return a Content-Security-Policy: these scripts run, and nothing is loaded from anywhere."""
+def policy(texts: list[str], served: bool = False) -> str:
+    """Return a Content-Security-Policy: these scripts run, and nothing is loaded from anywhere.
+
+    They may ask the server of a page that is ``served``.
+    """
     hashes = [base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in texts]
     allowed = " ".join(f"'sha256-{it}'" for it in hashes) or "'none'"
     return (
         f"default-src 'none'; script-src {allowed}; style-src 'unsafe-inline'; img-src data:;"
-        " base-uri 'none'; form-action 'none'"
+        f" base-uri 'none'; form-action 'none'{SERVED if served else ''}"
     )

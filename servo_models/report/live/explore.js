@@ -46,10 +46,12 @@ globalThis.servoExplorer = class {
             this.open(event.dataTransfer.files[0]);
         });
         this.described(...panel.given.description);
+        if (panel.given.served) new servoServed(this, make);
     }
 
-    /* What can be saved, and the command that goes on. */
-    described(name, text) {
+    /* What can be saved, and the command that goes on; the file if it was dropped. */
+    described(name, text, file) {
+        this.given = { text, file };
         const { make } = this,
             button = (label, done) => make("button", { type: "button", onclick: done }, label);
         this.files.replaceChildren(
@@ -119,6 +121,7 @@ globalThis.servoExplorer = class {
             return this.refuse(`${told}: ${error.message}`);
         }
         this.name = file.name;
+        this.file = file;
         this.map();
     }
 
@@ -290,6 +293,7 @@ globalThis.servoExplorer = class {
         this.described(
             `${this.name.replace(/\.[^.]*$/, "")}.toml`,
             this.description(inputs, outputs),
+            this.file,
         );
     }
 
