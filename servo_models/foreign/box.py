@@ -11,12 +11,12 @@ a box are kept by what it was sent.
 from __future__ import annotations
 
 import threading
-from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
+from cachetools import LRUCache
 
 from servo_models.core.types import Array
 
@@ -86,7 +86,9 @@ class Around:
     """Runs of a box with the plant around it; what ``Actuator.inner`` calls."""
 
     box: Box
-    _known: OrderedDict[bytes, Array] = field(default_factory=OrderedDict, init=False, repr=False)
+    _answers: LRUCache[bytes, Array] = field(
+        default_factory=lambda: LRUCache(KEPT), init=False, repr=False
+    )
     _lock: threading.Lock = field(default_factory=threading.Lock, init=False, repr=False)
 
     def ran(
@@ -119,19 +121,16 @@ class Around:
         return np.asarray(np.delete(behind, 1, axis=0)[rows])
 
     def _answer(self, values: Mapping[str, float], times: Array, command: Array) -> Array:
-        parameters = {one.name: values[one.name] for one in self.box.parameters}
+        parameters = {parameter.name: values[parameter.name] for parameter in self.box.parameters}
         numbers = np.array(list(parameters.values()))
-        key = b"".join(it.tobytes() for it in (numbers, times, np.ascontiguousarray(command)))
+        key = numbers.tobytes() + times.tobytes() + command.tobytes()
         with self._lock:
-            if key in self._known:
-                self._known.move_to_end(key)
-                return self._known[key]
-        found = self.box.run(parameters, times, command)
-        with self._lock:
-            self._known[key] = found
-            while len(self._known) > KEPT:
-                self._known.popitem(last=False)
-        return found
+            known = self._answers.get(key)
+        if known is None:  # others may ask meanwhile
+            known = self.box.run(parameters, times, command)
+            with self._lock:
+                self._answers[key] = known
+        return known
 
 
 def finer(times: Array, step: float) -> tuple[Array, Array]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 import threading
+import weakref
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -32,6 +33,7 @@ class FmuBox:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._fmu = AnyFmu(path)
+        weakref.finalize(self, self._fmu.close)  # its process and its unpacked files
         described = self._fmu.description
         self.title = self._fmu.title
         self.name = re.sub(r"\W+|__+", "_", described.modelName).strip("_") or "fmu"

@@ -59,8 +59,8 @@ class FunctionBox:
         )
         self.title = f"{path.name}, {name}"
         self.name = re.sub(r"\W+|__+", "_", path.stem).strip("_") or "simulation"
-        self.step = float(getattr(module, "STEP", STEP))
-        self.stop_time = float(getattr(module, "STOP_TIME", STOP))
+        self.step = _duration(path, "STEP", getattr(module, "STEP", STEP))
+        self.stop_time = _duration(path, "STOP_TIME", getattr(module, "STOP_TIME", STOP))
         self._call = Child(_function, (path, name), SECONDS, self._what)
 
     def run(self, parameters: Mapping[str, float], times: Array, inputs: Array) -> Array:
@@ -99,6 +99,17 @@ def _module(path: Path) -> ModuleType:
 def _function(path: Path, name: str) -> Callable[..., Any]:
     found: Callable[..., Any] = getattr(_module(path), name)
     return found
+
+
+def _duration(path: Path, name: str, told: Any) -> float:
+    """A time [s] that the file states, more than 0."""
+    try:
+        value = parse(told, "s")
+    except UserError as error:
+        raise UserError(f"'{path}', {name}: {error}") from error
+    if value <= 0.0:
+        raise UserError(f"'{path}', {name} = {told!r}: give a time of more than 0 s")
+    return value
 
 
 def _signal(path: Path, table: str, name: str, told: Any) -> Signal:

@@ -166,6 +166,8 @@ def test_a_function_that_fails_ends_one_run_with_a_sentence(
         (FIRST_ORDER.replace('"50 ms"', '"50 quux"'), "simulate", "PARAMETERS['time_constant']"),
         (FIRST_ORDER.replace('"angle": "90 deg"', '"a b": 1'), "simulate", "unfit name"),
         ("raise SystemExit", "simulate", "does not run"),
+        (FIRST_ORDER.replace("STEP = 0.002", "STEP = 0.0"), "simulate", "more than 0 s"),
+        (FIRST_ORDER.replace("STEP = 0.002", "STEP = []"), "simulate", "STEP: []"),
     ],
 )
 def test_a_file_without_what_is_needed_is_refused(
