@@ -8,6 +8,7 @@ and leaves standard output and error to the slave.
 
 from __future__ import annotations
 
+import array
 import ast
 import base64
 import contextlib
@@ -70,15 +71,23 @@ class RefusedError(Exception):
 
 
 class Block:
-    """Variables that are set or got together: by type, the references and their places."""
+    """Variables that are set or got together.
 
-    def __init__(self, variables: Sequence[Sequence[Any]]) -> None:
+    ``parts`` are, by type, their places among all, their values, and what the functions of that
+    type are called with, which holds these values.
+    """
+
+    def __init__(
+        self, variables: Sequence[Sequence[Any]], types: Mapping[str, Any], both_counted: bool
+    ) -> None:
         self.size = len(variables)
-        self.parts: list[tuple[str, Any, list[int]]] = []
+        self.parts: list[tuple[str, list[int], Any, tuple[Any, ...]]] = []
         for kind in dict.fromkeys(kind for _, kind in variables):
             places = [k for k, variable in enumerate(variables) if variable[1] == kind]
-            references = [variables[k][0] for k in places]
-            self.parts.append((kind, (ctypes.c_uint * len(references))(*references), places))
+            references = (ctypes.c_uint * len(places))(*(variables[k][0] for k in places))
+            count, values = ctypes.c_size_t(len(places)), (types[kind] * len(places))()
+            given = (references, count, values, *([count] if both_counted else []))
+            self.parts.append((kind, places, values, given))
 
 
 class Fmu:
@@ -92,8 +101,7 @@ class Fmu:
     def __init__(self, about: dict[str, Any]) -> None:
         self.is_fmi3: bool = about["fmi"].startswith("3.")
         self.guid: str = about["guid"]
-        self.inputs = Block(about["inputs"])
-        self.outputs = Block(about["outputs"])
+        self.inputs, self.outputs = about["inputs"], about["outputs"]
         self.folder = Path(about["folder"])
         folder, suffix = PLATFORMS.get(sys.platform, ("linux64", ".so"))
         if self.is_fmi3:
@@ -120,6 +128,7 @@ class Instance:
 
     prefix = "fmi2"
     state, deserialise = "FMUstate", "DeSerialize"
+    values_counted = False  # beside the references
     types: Mapping[str, Any] = {
         "Real": ctypes.c_double,
         "Integer": ctypes.c_int,
@@ -143,9 +152,13 @@ class Instance:
             raise RefusedError(self.heard[0] if self.heard else "no instance, and no reason")
         self.component = ctypes.c_void_p(made)
         self._enter(ctypes.c_double(begin))
-        self.set(Block([value[:2] for value in values]), [value[2] for value in values])
-        self.set(fmu.inputs, inputs)
+        self.set(self._block([value[:2] for value in values]), [value[2] for value in values])
+        self._inputs, self._outputs = self._block(fmu.inputs), self._block(fmu.outputs)
+        self.set(self._inputs, inputs)
         self.call("ExitInitializationMode")
+
+    def _block(self, variables: Sequence[Sequence[Any]]) -> Block:
+        return Block(variables, self.types, self.values_counted)
 
     def _made(self) -> int | None:
         libc = ctypes.CDLL(None) if sys.platform != "win32" else ctypes.cdll.msvcrt
@@ -172,10 +185,6 @@ class Instance:
         self.call("SetupExperiment", int(self.tolerance > 0.0), tolerance, begin, 0, zero)
         self.call("EnterInitializationMode")
 
-    def _call_with(self, name: str, references: Any, values: Any) -> None:
-        """Call a function that takes value references and an array of values."""
-        self.call(name, references, ctypes.c_size_t(len(references)), values)
-
     def _do_step(self, time: ctypes.c_double, size: ctypes.c_double) -> None:
         self.call("DoStep", time, size, 1)
 
@@ -186,38 +195,42 @@ class Instance:
         if status > WARNING:
             raise RefusedError(self._reason(f"{function} gives status {status}"))
 
-    def set(self, block: Block, values: Sequence[Any]) -> None:
-        for kind, references, places in block.parts:
+    def set(self, block: Block, row: Sequence[Any]) -> None:
+        for kind, places, values, given in block.parts:
             number = NUMBERS.get(kind, round)
-            array = (self.types[kind] * len(places))(*(number(values[k]) for k in places))
-            self._call_with(f"Set{kind}", references, array)
+            values[:] = [number(row[k]) for k in places]
+            self.call(f"Set{kind}", *given)
 
     def step(self, time: float, size: float, inputs: Sequence[float]) -> None:
         """Hold the inputs and advance by ``size`` [s]."""
         try:
-            self.set(self.fmu.inputs, inputs)
+            self.set(self._inputs, inputs)
             self._do_step(ctypes.c_double(time), ctypes.c_double(size))
         except RefusedError as error:
             raise RefusedError(f"stops at t = {time:g} s: {error}") from error
 
     def outputs(self) -> list[float]:
-        out = [math.nan] * self.fmu.outputs.size
-        for kind, references, places in self.fmu.outputs.parts:
-            values = (self.types[kind] * len(places))()
-            self._call_with(f"Get{kind}", references, values)
+        out = [math.nan] * self._outputs.size
+        for kind, places, values, given in self._outputs.parts:
+            self.call(f"Get{kind}", *given)
             for k, value in zip(places, values):
                 out[k] = float(value)
         return out
 
-    def drive(
-        self, times: Sequence[float], inputs: Sequence[Sequence[float]], first: int
-    ) -> list[list[float]]:
-        """Step from row ``first``, where the instance is, to the end; outputs of these rows."""
-        rows = [self.outputs()]
-        for k in range(first, len(times) - 1):
-            self.step(times[k], times[k + 1] - times[k], inputs[k])
-            rows.append(self.outputs())
-        return rows
+    def drive(self, times: str, inputs: str, first: int) -> str:
+        """Step from row ``first``, where the instance is, to the end; outputs of these rows.
+
+        Times, inputs and outputs are rows of doubles in base64: as text, they would take longer
+        than the steps.
+        """
+        clock, given = _doubles(times), _doubles(inputs)
+        width = self._inputs.size
+        out = array.array("d", self.outputs())
+        for k in range(first, len(clock) - 1):
+            row = given[k * width : (k + 1) * width]
+            self.step(clock[k], clock[k + 1] - clock[k], row)
+            out.extend(self.outputs())
+        return base64.b64encode(out.tobytes()).decode()
 
     def saved(self) -> str:
         """The complete state, in base64."""
@@ -267,6 +280,7 @@ class Instance3(Instance):
 
     prefix = "fmi3"
     state, deserialise = "FMUState", "Deserialize"
+    values_counted = True
     types: Mapping[str, Any] = {
         "Float64": ctypes.c_double,
         "Float32": ctypes.c_float,
@@ -295,10 +309,6 @@ class Instance3(Instance):
         no, zero = ctypes.c_bool(False), ctypes.c_double(0.0)
         given, tolerance = ctypes.c_bool(self.tolerance > 0.0), ctypes.c_double(self.tolerance)
         self.call("EnterInitializationMode", given, tolerance, begin, no, zero)
-
-    def _call_with(self, name: str, references: Any, values: Any) -> None:
-        count = ctypes.c_size_t(len(references))
-        self.call(name, references, count, values, count)
 
     def _do_step(self, time: ctypes.c_double, size: ctypes.c_double) -> None:
         has_event, ends, is_early = (ctypes.c_bool() for _ in range(3))
@@ -361,6 +371,10 @@ class Session:
         used = sum(os.times()[:2])
         if math.isfinite(self.seconds):
             _limit("RLIMIT_CPU", math.ceil(used + self.seconds) + 1, hard=False)
+
+
+def _doubles(text: str) -> array.array[float]:
+    return array.array("d", base64.b64decode(text))
 
 
 def _limit(name: str, most: int, hard: bool = True) -> None:

@@ -116,6 +116,24 @@ class OpenFmu(ABC):
         except RefusedError as error:
             raise FmuError(f"FMU '{self.name}' {self.clean(str(error))}") from error
 
+    def driven(self, number: int, times: Array, inputs: Array, first: int, width: int) -> Array:
+        """Step an instance from row ``first``, where it is, to the end; return the rows from there
+        on, shape (n - first, width).
+
+        Raises:
+            FmuError: it stops, or gives other outputs than it was asked for.
+        """
+        answer = self.call("instance", number, "drive", _packed(times), _packed(inputs), first)
+        try:
+            rows = np.frombuffer(base64.b64decode(answer))
+            return rows.reshape(len(times) - first, width).copy()
+        except (ValueError, TypeError):
+            raise self.unlike() from None
+
+    def unlike(self) -> FmuError:
+        """Return the error of an answer that is none."""
+        return FmuError(f"FMU '{self.name}' gives other outputs than it was asked for")
+
     def clean(self, said: str) -> str:
         """Return the words of an FMU as one short line."""
         return _one_line(said.replace(str(self.folder), ""))
@@ -284,13 +302,17 @@ class Instance:
 
     def outputs(self) -> list[float]:
         """Return the outputs."""
-        row: list[float] = self._numbers((self._width,), "outputs").tolist()
-        return row
+        try:
+            row = np.array(self._call("outputs"), dtype=float)
+        except (ValueError, TypeError):
+            row = np.empty(0)
+        if row.shape != (self._width,):
+            raise self._subject.unlike()
+        return [float(value) for value in row]
 
     def drive(self, times: Array, inputs: Array, first: int = 0) -> Array:
         """Step from row ``first``, where it is, to the end; return the rows from there on."""
-        shape = (len(times) - first, self._width)
-        return self._numbers(shape, "drive", _plain(times), _plain(inputs), first)
+        return self._subject.driven(self._number, times, inputs, first, self._width)
 
     def saved(self) -> bytes:
         """Return the complete state as bytes."""
@@ -307,16 +329,6 @@ class Instance:
         """End the instance."""
         self._subject.call("free", self._number)
 
-    def _numbers(self, shape: tuple[int, ...], name: str, *args: Any) -> Array:
-        answer = self._call(name, *args)
-        try:
-            numbers = np.array(answer, dtype=float)
-        except (ValueError, TypeError):
-            numbers = np.empty(0)
-        if numbers.shape != shape:
-            raise FmuError(f"FMU '{self._subject.name}' gives other outputs than it was asked for")
-        return numbers
-
     def _call(self, name: str, *args: Any) -> Any:
         return self._subject.call("instance", self._number, name, *args)
 
@@ -326,6 +338,10 @@ def _one_line(said: str) -> str:
     text = " ".join(said.split())
     text = "".join(letter if letter.isprintable() else "?" for letter in text)
     return text if len(text) <= LONGEST_REASON else f"{text[:LONGEST_REASON]}..."
+
+
+def _packed(values: Array) -> str:
+    return base64.b64encode(np.ascontiguousarray(values, dtype=float).tobytes()).decode()
 
 
 def _plain(values: Array) -> Any:
