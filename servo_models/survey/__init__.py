@@ -1,0 +1,1 @@
+"""Many diagnoses at once: joints, episodes and units, as one table."""

@@ -1,0 +1,224 @@
+"""A job of a survey: the joint of a unit, checked and diagnosed, and what is kept of it.
+
+What is kept is one JSON document: figures of the diagnosis that are compared between jobs, the
+values of every episode by itself, and the diagnosis whole.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import msgspec
+import numpy as np
+
+from servo_models.data.description import read_description
+from servo_models.diagnosis.diagnose import diagnose
+from servo_models.diagnosis.ranking import Value
+from servo_models.diagnosis.result import Diagnosis
+from servo_models.diagnosis.summary import sentence
+from servo_models.diagnosis.verdict import weights_by_effects
+from servo_models.errors import UserError
+from servo_models.identification.check import check
+from servo_models.identification.linear_inference import spread
+from servo_models.identification.optimise import descend
+from servo_models.report.document import Digest, Document, Figure, Magnitude, Share, about
+from servo_models.report.html import page
+from servo_models.report.result import page_of
+
+VERSION = 1  # of what is kept: it counts up when a reader of the one before would go wrong
+EPISODE_COST_TOLERANCE = 1e-4  # of the fit to an episode, which begins at that to all of them
+EPISODE_STEPS = 20  # least-squares steps of such a fit
+
+
+@dataclass(frozen=True)
+class Job:
+    """What a worker is given.
+
+    Attributes:
+        key: hash of the description, its data, the version and ``options``.
+        unit, joint: whose logs they are.
+        description: its file.
+        conditions: what is known of the unit beside its logs, by name.
+        options: keywords of ``diagnose``, such as ``seed`` and ``quick``.
+        trust: Python files that the description names are run wherever they lie.
+        report: a page is wanted.
+    """
+
+    key: str
+    unit: str
+    joint: str
+    description: Path
+    conditions: Mapping[str, str] = field(default_factory=dict)
+    options: Mapping[str, Any] = field(default_factory=dict)
+    trust: bool = False
+    report: bool = True
+
+
+class Estimate(Document, frozen=True):
+    """A parameter, of the model or of an effect [SI].  ``standard_error`` is null where the logs do
+    not tell, ``prior`` where nothing is known before."""
+
+    name: str
+    unit: str
+    nominal: float
+    prior: Annotated[Figure, about("Standard deviation of the nominal value.")]
+    value: float
+    standard_error: Figure
+
+
+class Cause(Document, frozen=True):
+    """An effect that was fitted; see the diagnosis."""
+
+    effect: str
+    taken: bool
+    in_set: bool
+    probability: Share | None
+    sizes: list[Estimate]
+
+
+class Explanation(Document, frozen=True):
+    """A fitted model of the set that cannot be told apart, with its model weight."""
+
+    effects: Sequence[str]
+    weight: Share
+
+
+class Episode(Document, frozen=True):
+    """A log with the diagnosed model fitted to it alone, from its nominal values and their errors.
+    ``left`` [noise floors] is what the model of all logs leaves there."""
+
+    log: str
+    held_out: bool
+    left: Figure
+    estimates: list[Estimate]
+
+
+class Outcome(Document, frozen=True):
+    """What is kept of a job.  Where it failed, ``failure`` says why, and figures are null."""
+
+    schema_version: int
+    key: Digest
+    unit: str
+    joint: str
+    conditions: dict[str, str]
+    description: Annotated[str, about("File, as seen from the folder of the survey.")]
+    failure: str
+    seconds: Magnitude
+    warnings: list[str]
+    verdict: str
+    sentence: str
+    gap_before: Figure
+    gap_after: Figure
+    held_out: Annotated[Figure, about("RMS of what no fit has seen, largest of all logs.")]
+    causes: list[Cause]
+    explanations: list[Explanation]
+    parameters: Annotated[list[Estimate], about("Nominal parameters, as re-tuned.")]
+    episodes: list[Episode]
+    diagnosis: Annotated[msgspec.Raw, about("As of servo-models diagnose --json; null: failed.")]
+
+
+def run(job: Job) -> tuple[Outcome, bytes]:
+    """Check and diagnose; return what is kept, and the page, empty where none is wanted.
+
+    A fault of the description or of its logs is an outcome, too.
+    """
+    begin = time.perf_counter()
+    try:
+        description = read_description(job.description, job.trust)
+        warnings = check(description).warnings
+        found = replace(diagnose(description, jobs=1, **job.options), written=())
+        shown = page(page_of(found)).encode() if job.report else b""
+    except (UserError, MemoryError) as error:
+        return failed(job, str(error) or "it needs more memory", time.perf_counter() - begin), b""
+    parameters = found.model.plant.parameters
+    nominal = [value for value in found.found if not parameters[value.name].owner]
+    return (
+        _outcome(
+            job,
+            seconds=time.perf_counter() - begin,
+            warnings=[*warnings],
+            verdict=found.verdict.kind,
+            sentence=sentence(found),
+            gap_before=found.gap.rms["before"],
+            gap_after=found.gap.rms["after"],
+            held_out=max((log.after for log in found.held_out), default=None),
+            causes=[
+                Cause.made_from(
+                    effect, effect=effect.name, sizes=_estimates(found, effect.parameters)
+                )
+                for effect in found.ranking
+            ],
+            explanations=_explanations(found),
+            parameters=_estimates(found, nominal),
+            episodes=list(_episodes(found)),
+            diagnosis=msgspec.Raw(found.to_json().encode()),
+        ),
+        shown,
+    )
+
+
+def failed(job: Job, why: str, seconds: float) -> Outcome:
+    """Return what is kept of a job that came to nothing."""
+    return _outcome(job, failure=why, seconds=seconds)
+
+
+def _outcome(job: Job, **known: Any) -> Outcome:
+    unknown: dict[str, Any] = dict.fromkeys(("gap_before", "gap_after", "held_out"))
+    unknown |= dict.fromkeys(("failure", "verdict", "sentence"), "")
+    unknown |= {"warnings": [], "causes": [], "explanations": [], "parameters": [], "episodes": []}
+    return Outcome(
+        schema_version=VERSION,
+        key=job.key,
+        unit=job.unit,
+        joint=job.joint,
+        conditions=dict(job.conditions),
+        description=job.description.name,
+        **{**unknown, "diagnosis": msgspec.Raw(b"null"), **known},
+    )
+
+
+def _estimates(found: Diagnosis, values: Iterable[Value]) -> list[Estimate]:
+    parameters = found.model.plant.parameters
+    priors = {free.name: free.believed for free in found.selection.taken.nominal}
+    return [
+        Estimate(
+            value.name,
+            parameters[value.name].param.unit,
+            value.nominal,
+            priors.get(value.name),
+            value.value,
+            value.standard_error if np.isfinite(value.standard_error) else None,
+        )
+        for value in values
+    ]
+
+
+def _explanations(found: Diagnosis) -> list[Explanation]:
+    weights = weights_by_effects(found.selection, found.verdict)
+    return [
+        Explanation(model.effects, weights[model.effects]) for model in found.verdict.rivals
+    ]
+
+
+def _episodes(found: Diagnosis) -> Iterator[Episode]:
+    """The taken model, fitted to each log alone."""
+    taken = found.selection.taken
+    problem, begin = taken.problem, taken.evidence.vector
+    for log in problem.logs if problem.free else ():
+        unseen, seen = (
+            replace(problem, logs=(replace(log, held_out=np.full_like(log.held_out, is_unseen)),))
+            for is_unseen in (True, False)
+        )
+        (squares,) = unseen.held_out_squares(taken.values)
+        vector, _, _ = descend(seen, begin, EPISODE_COST_TOLERANCE, EPISODE_STEPS)
+        values, errors = seen.values(vector), spread(seen, vector).standard_errors
+        fitted = [
+            Value(free.name, free.nominal, values[free.name], float(error))
+            for free, error in zip(problem.free, errors)
+        ]
+        left = float(np.sqrt(np.mean(squares)))
+        yield Episode(log.name, bool(log.held_out.any()), left, _estimates(found, fitted))
