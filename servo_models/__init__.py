@@ -59,6 +59,7 @@ if TYPE_CHECKING:
     from servo_models.errors import UserError
     from servo_models.identification.check import check
     from servo_models.identification.identify import identify
+    from servo_models.survey.survey import survey
     from servo_models.validation.any_fmu.experiment import Against
     from servo_models.validation.rows import Validation
     from servo_models.validation.runner import validate
@@ -113,6 +114,7 @@ __all__ = [
     "read_signals",
     "sample",
     "simulate",
+    "survey",
     "torque_causal",
     "validate",
     "write_parameters",

@@ -298,6 +298,34 @@ def _begin(folder: Path) -> tuple[Path, int]:
             os.close(handle)
 
 
+@contextlib.contextmanager
+def locked(path: Path) -> Iterator[bool]:
+    """Lock a file, made for that, while the block runs; False where another process has it locked.
+
+    The system ends the lock of a process that is killed.
+
+    Raises:
+        UserError: the file cannot be made.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o600)
+    except OSError as error:
+        raise UserError(f"cannot write '{path}': {error.strerror or error}") from error
+    try:
+        _lock(handle, wait=False)
+    except OSError:
+        os.close(handle)
+        yield False
+        return
+    try:
+        yield True
+    finally:
+        with contextlib.suppress(OSError):  # an open file stays on Windows, and does no harm
+            path.unlink()
+        os.close(handle)
+
+
 def _sweep(folder: Path) -> None:
     """Remove what processes that are gone had begun to write in a folder."""
     for part in folder.glob(f"{_PREFIX}*{_SUFFIX}"):

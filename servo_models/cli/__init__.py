@@ -31,6 +31,7 @@ from servo_models.cli.list_ import list_
 from servo_models.cli.new import new
 from servo_models.cli.sample import sample
 from servo_models.cli.simulate import simulate
+from servo_models.cli.survey import survey
 from servo_models.cli.validate import validate
 from servo_models.errors import UserError, did_you_mean
 
@@ -92,6 +93,7 @@ app.command()(figures)
 app.command()(check)
 app.command()(identify)
 app.command()(diagnose)
+app.command()(survey)
 app.command()(compare)
 app.command()(sample)
 app.command()(export)

@@ -142,7 +142,7 @@ def check_is_description(path: Path) -> None:
         return
     what = "a folder, no description" if is_folder else "no description"
     files = sorted(path.iterdir()) if is_folder else [path.with_suffix(".toml"), path]
-    if told := next(filter(_tells_of_logs, files), None):
+    if told := next(filter(tells_of_logs, files), None):
         raise UserError(f"'{path}' is {what}; there is one: '{told}'")
     logs = (file for file in files if file.suffix.lower() in suffixes() and file.is_file())
     is_log = not is_folder or is_bag(path) or is_data_set(path)
@@ -152,12 +152,14 @@ def check_is_description(path: Path) -> None:
     raise UserError(f"'{path}' is {what}; begin one with 'servo-models check {log} --init'")
 
 
-def _tells_of_logs(path: Path) -> bool:
-    """Whether a file is TOML that tells of logs, as one of parameters does not."""
+def tells_of_logs(path: Path, damaged: bool = False) -> bool:
+    """Return whether a file is TOML with ``[[logs]]``; ``damaged`` for one that cannot be read."""
     try:
-        return path.suffix.lower() == ".toml" and path.is_file() and "logs" in read_toml(path)
+        if path.suffix.lower() != ".toml" or not path.is_file():
+            return False
+        return isinstance(read_toml(path).content.get("logs"), list)
     except (UserError, OSError):
-        return False
+        return damaged
 
 
 def described(

@@ -271,11 +271,17 @@ def named_files(path: Path) -> list[Path]:
 
     Names and patterns are relative to its folder.
     """
+    texts = named_texts(path)
+    files = [file for text in texts for file in matching(path.parent, text)]
+    return [path, *files] if texts else []
+
+
+def named_texts(path: Path) -> list[str]:
+    """Return every text in a TOML file; none where it cannot be read."""
     try:
-        content = read_toml(path).content
+        return list(_texts(read_toml(path).content))
     except UserError:
         return []
-    return [path, *(file for text in _texts(content) for file in matching(path.parent, text))]
 
 
 def _texts(content: Any) -> Iterator[str]:

@@ -29,12 +29,18 @@ class Child:
             function.
         seconds: that one call may take.
         what: names the function in errors.
+        cure: what is to be done where that is not enough.
     """
 
     def __init__(
-        self, make: Callable[..., Any], arguments: tuple[Any, ...], seconds: float, what: str
+        self,
+        make: Callable[..., Any],
+        arguments: tuple[Any, ...],
+        seconds: float,
+        what: str,
+        cure: str = "make a run shorter",
     ) -> None:
-        self.begin, self.seconds, self.what = (make, arguments), seconds, what
+        self.begin, self.seconds, self.what, self.cure = (make, arguments), seconds, what, cure
         self._lock = threading.Lock()
         self._process: subprocess.Popen[bytes] | None = None
 
@@ -57,7 +63,7 @@ class Child:
                 code = process.wait(GRACE)
                 self._process = None
                 if late.is_set():
-                    why = f"does not answer within {self.seconds:g} s: make a run shorter"
+                    why = f"does not answer within {self.seconds:g} s: {self.cure}"
                 else:
                     why = f"ended its process (exit code {code})"
                 raise UserError(f"{self.what} {why}") from error
@@ -66,6 +72,11 @@ class Child:
         if raised:
             raise UserError(f"{self.what} fails: {answer}")
         return answer
+
+    def close(self) -> None:
+        """End the process, also in the middle of a call."""
+        if self._process is not None:
+            self._process.kill()
 
     def _running(self) -> Any:
         if self._process is None:

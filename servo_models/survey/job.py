@@ -199,9 +199,7 @@ def _estimates(found: Diagnosis, values: Iterable[Value]) -> list[Estimate]:
 
 def _explanations(found: Diagnosis) -> list[Explanation]:
     weights = weights_by_effects(found.selection, found.verdict)
-    return [
-        Explanation(model.effects, weights[model.effects]) for model in found.verdict.rivals
-    ]
+    return [Explanation(model.effects, weights[model.effects]) for model in found.verdict.rivals]
 
 
 def _episodes(found: Diagnosis) -> Iterator[Episode]:

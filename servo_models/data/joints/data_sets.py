@@ -16,8 +16,9 @@ from servo_models.data.scaffold import CHECK, LARGEST_DEGREES
 from servo_models.data.signals import LEAST_SAMPLES
 from servo_models.errors import UserError
 
+MOST_READ = 50  # episodes that are looked at, at most
 MOST_EPISODES = 10  # episodes in a first description, at most: more take long and tell little
-HELD_OUT_FROM = 3  # number of episodes from which the last one is held out
+HELD_OUT_PERIOD = 3  # of so many episodes, by how far they move, one is held out
 COMMAND = "action"  # feature with the commands
 READING = "observation.state"  # feature with the readings
 TURN_OF_COUNTS = 4096  # counts in a turn of the encoders in servos on a bus
@@ -46,7 +47,9 @@ def data_set(path: Path) -> Recording:
     left_out = []
     if short:
         left_out.append(f"{_listed(short)} left out: fewer than {LEAST_SAMPLES} frames")
-    read = {n: read_columns(known[n][0], f"episode {n}") for n in usable[:MOST_EPISODES]}
+    spread = np.linspace(0, len(usable) - 1, min(len(usable), MOST_READ)).round().astype(int)
+    looked_at = [usable[k] for k in spread]
+    read = {n: read_columns(known[n][0], f"episode {n}") for n in looked_at}
     odd, unit, doubt = _units(read)
     left_out += odd.values()
     read = {number: columns for number, columns in read.items() if number not in odd}
@@ -57,7 +60,7 @@ def data_set(path: Path) -> Recording:
         try:
             if command is None:
                 raise UserError("a reading without a command, so nothing says what it was to do")
-            moving = _moving(read, reading)
+            moving = _most_moving(read, reading)
         except UserError as error:
             left_out.append(f"{name}: no description, since {error}")
             continue
@@ -82,7 +85,8 @@ def data_set(path: Path) -> Recording:
         )
     if len(usable) > MOST_EPISODES:
         notes.append(
-            f"of {len(usable)} episodes the first {MOST_EPISODES}: add others to 'episode'"
+            f"of {len(usable)} episodes the {MOST_EPISODES} in which the joint moves most: add"
+            " others to 'episode'"
         )
     return Recording(path, tuple(joints), tuple(notes), tuple(left_out))
 
@@ -121,16 +125,20 @@ def _items(columns: Columns, name: str) -> list[str]:
     return [it for it in columns.names if re.match(rf"{re.escape(name)}[.\[]", it) or it == name]
 
 
-def _moving(read: Mapping[int, Columns], reading: str) -> list[int]:
-    """Episodes in which a joint moves.
+def _most_moving(read: Mapping[int, Columns], reading: str) -> list[int]:
+    """Episodes in which a joint moves, those first in which it travels furthest.
 
     Raises:
         UserError: none, or one in which a cell is no number.
     """
-    moving = [number for number, columns in read.items() if np.ptp(_known(columns, reading))]
+    travel = {
+        number: float(np.abs(np.diff(_known(columns, reading))).sum())
+        for number, columns in read.items()
+    }
+    moving = sorted((number for number in travel if travel[number]), key=lambda n: -travel[n])
     if not moving:
         raise UserError("it stands still in every episode: record one in which it moves")
-    return moving
+    return moving[:MOST_EPISODES]
 
 
 def _known(columns: Columns, column: str) -> Array:
@@ -139,12 +147,14 @@ def _known(columns: Columns, column: str) -> Array:
 
 
 def _runs(numbers: Sequence[int]) -> list[str]:
-    if len(numbers) < HELD_OUT_FROM:
-        return [f"episode = {list(numbers)}"]
+    held_out = sorted(numbers[HELD_OUT_PERIOD - 1 :: HELD_OUT_PERIOD])
+    fitted = sorted(set(numbers).difference(held_out))
+    if not held_out:
+        return [f"episode = {fitted}"]
     return [
         "repeat = [",
-        f"    {{ episode = {list(numbers[:-1])} }},",
-        f"    {{ episode = {numbers[-1]}, held_out = true }},  {CHECK}: held out to judge a fit by",
+        f"    {{ episode = {fitted} }},",
+        f"    {{ episode = {held_out}, held_out = true }},  {CHECK}: held out to judge a fit by",
         "]",
     ]
 

@@ -52,7 +52,7 @@ def recording(path: Path, actuator: str | None) -> Recording | None:
 
 
 def write_joints(
-    recorded: Recording, folder: Path | None, actuator: str | None, trust: bool
+    recorded: Recording, folder: Path | None, actuator: str | None, trust: bool, keep: bool = False
 ) -> Iterator[tuple[str, bool]]:
     """Write a description for each joint, and yield what is to be told, and whether it is a fault.
 
@@ -60,9 +60,10 @@ def write_joints(
         found: the recording.
         folder: folder to write into; None for that of the recording, with its name in front.
         actuator: name of what all joints are, None for a general one.
+        keep: descriptions that are there stay as they are.
 
     Raises:
-        UserError: a file that is there already, an actuator without a goal, or
+        UserError: a file that is there already, without ``keep``, an actuator without a goal, or
             no joint whose description can be read.
     """
     path = recorded.path
@@ -73,11 +74,13 @@ def write_joints(
     files: dict[Path, Joint] = {}
     for joint in recorded.joints:
         files[_free(place, stem + _as_file(joint.name), files)] = joint
-    for file in files:
-        if os.path.exists(file):
-            raise UserError(f"'{file}' exists: edit it, remove it, or name a folder with --out")
-    written = 0
+    kept = [file for file in files if os.path.exists(file)]
+    if kept and not keep:
+        raise UserError(f"'{kept[0]}' exists: edit it, remove it, or name a folder with --out")
+    written = len(kept)
     for file, joint in files.items():
+        if file in kept:
+            continue
         write_whole(file, _text(recorded, joint, chosen, variant, file.parent).encode())
         try:
             description = read_description(file, trust)

@@ -1,0 +1,98 @@
+"""servo-models survey"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from servo_models.cli.options import Jobs, Largest, MadeBy, Seed, Trust, file_option
+from servo_models.errors import UserError
+
+GAP_FOUND = 1  # exit code
+
+
+def survey(
+    path: Annotated[
+        Path,
+        typer.Argument(
+            help="A robot's recording, a folder of descriptions or logs, or a table of logs (.csv)."
+        ),
+    ],
+    out: Annotated[
+        Path | None, file_option("Folder for what is found; default: beside the path, _survey.")
+    ] = None,
+    actuator: MadeBy = None,
+    before: Annotated[
+        Path | None, file_option("Folder of an earlier survey: what is new, worse, better?")
+    ] = None,
+    seed: Seed = 0,
+    jobs: Jobs = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="A Dask scheduler whose workers do the work."),
+    ] = None,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Stop each at the first answer: effects one at a time.")
+    ] = False,
+    time_limit: Annotated[
+        str | None, typer.Option(metavar="TIME", help="For each joint, such as 60s.")
+    ] = None,
+    reports: Annotated[
+        bool, typer.Option("--reports/--no-reports", help="Write a page for each joint.")
+    ] = True,
+    trust: Trust = False,
+    largest: Largest = None,
+) -> int:
+    """Diagnose all joints, episodes and units, and compare them.
+
+    A joint without a description gets a first one; one that is there is kept:
+    correct it and start again, and what depends on it is done anew.  Stopped
+    at any moment and started again, it goes on where it was, and several may
+    work on one folder.
+
+    Written are index.html, survey.json, a table of joints and one of their
+    parameters (.csv, .parquet), and for each joint its diagnosis and its page.
+
+    Exit code 0: no gap, 1: a gap, or a joint that failed, 2: could not run.
+
+    Examples:
+
+    servo-models survey my_data_set
+
+    servo-models survey fleet --before fleet_last_month_survey
+
+    servo-models survey fleet.csv --jobs 2 --time-limit 60s
+    """
+    from datetime import date
+
+    from servo_models.cli.console import progress, show
+    from servo_models.diagnosis.verdict import NO_GAP
+    from servo_models.files import write_whole
+    from servo_models.survey.survey import survey as run
+    from servo_models.units import parse
+
+    limit = None if time_limit is None else parse(time_limit, "s")
+    if limit is not None and not limit > 0.0:
+        raise UserError(f"--time-limit {time_limit}: give a time of more than 0 s")
+    with progress("surveying", lines=True) as bar:
+        found = run(
+            path,
+            out,
+            actuator,
+            jobs,
+            scheduler,
+            reports,
+            before,
+            seed,
+            quick,
+            limit,
+            trust,
+            tell=bar,
+        )
+        found.write_report(found.folder / "index.html", date.today().isoformat())
+        write_whole(found.folder / "survey.json", f"{found.to_json()}\n".encode())
+    show(found.report())
+    print(f"see '{found.folder / 'index.html'}'")
+    return 0 if all(one.verdict == NO_GAP for one in found.outcomes) else GAP_FOUND
