@@ -1,0 +1,123 @@
+"""Which jobs a path holds."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from servo_models.errors import UserError
+from servo_models.survey.plan import plan
+from servo_models.survey.store import key_of
+from tests.support.sources import ROOT
+
+GIMBAL = ROOT / "examples/gimbal"
+CSV = "time [s],voltage [V],angle [deg]\n" + "".join(
+    f"{0.01 * k:.2f},{1.0 if k > 20 else 0.0},{0.1 * max(0, k - 20):.3f}\n" for k in range(100)
+)
+
+
+def named(path: Path, out: Path) -> list[tuple[str, str]]:
+    return [(job.unit, job.joint) for job in plan(path, out).jobs]
+
+
+def test_a_folder_gives_its_descriptions_and_the_logs_that_none_names(tmp_path: Path) -> None:
+    fleet, out = tmp_path / "fleet", tmp_path / "out"
+    for unit in ("unit_1", "unit_2"):
+        shutil.copytree(GIMBAL, fleet / unit)
+    (fleet / "spare.csv").write_text(CSV)
+    (fleet / ".hidden").mkdir()
+    (fleet / ".hidden" / "old.csv").write_text(CSV)
+    jobs = plan(fleet, out, "dc_motor").jobs
+    assert [(job.unit, job.joint) for job in jobs] == [
+        ("unit_1", "gimbal"),
+        ("unit_2", "gimbal"),
+        ("fleet", "spare"),
+    ]
+    assert jobs[2].description == out / "descriptions" / "fleet" / "spare.toml"
+
+
+def test_a_survey_inside_of_its_folder_is_none_of_its_jobs(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(CSV)
+    out = tmp_path / "found"
+    first = plan(tmp_path, out, "dc_motor").jobs
+    assert plan(tmp_path, out, "dc_motor").jobs == first
+    assert len(first) == 1
+
+
+def test_a_description_that_was_corrected_by_hand_is_kept(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(CSV)
+    (job,) = plan(tmp_path / "a.csv", tmp_path / "out", "dc_motor").jobs
+    corrected = job.description.read_text("utf-8") + "# looked at\n"
+    job.description.write_text(corrected, encoding="utf-8")
+    (again,) = plan(tmp_path / "a.csv", tmp_path / "out", "dc_motor").jobs
+    assert again.description.read_text("utf-8") == corrected
+    assert key_of(again, {}) != ""
+
+
+def test_two_logs_of_one_name_are_two_joints(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(CSV)
+    (tmp_path / "a.txt").write_text(CSV)
+    jobs = plan(tmp_path, tmp_path / "out", "dc_motor").jobs
+    assert len({job.description for job in jobs}) == len({job.joint for job in jobs}) == 2
+
+
+def test_rows_of_a_table_with_one_unit_and_joint_are_runs_of_one_description(
+    tmp_path: Path,
+) -> None:
+    for name in "abcd":
+        (tmp_path / f"{name}.csv").write_text(CSV)
+    (tmp_path / "fleet.csv").write_text(
+        "log,unit,joint,firmware\na.csv,7,tilt,2.1\nb.csv,7,tilt,2.1\nc.csv,7,tilt,2.1\nd.csv,8,tilt,2.0\n"
+    )
+    one, other = plan(tmp_path / "fleet.csv", tmp_path / "out", "dc_motor").jobs
+    assert (one.unit, one.joint, one.conditions) == ("7", "tilt", {"firmware": "2.1"})
+    assert (other.unit, other.conditions) == ("8", {"firmware": "2.0"})
+    text = one.description.read_text("utf-8")
+    assert text.count("file = ") == 3
+    assert text.count("held_out = true") == 1
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (lambda at: None, "has nothing to diagnose"),
+        (lambda at: (at / "notes.md").write_text("none"), "has nothing to diagnose"),
+        (lambda at: at.rmdir(), "name a folder"),
+    ],
+)
+def test_what_holds_no_job_is_refused(tmp_path: Path, make: object, says: str) -> None:
+    fleet = tmp_path / "fleet"
+    fleet.mkdir()
+    make(fleet)  # type: ignore[operator]
+    with pytest.raises(UserError, match=says):
+        plan(fleet, tmp_path / "out")
+
+
+def test_what_cannot_be_read_is_a_job_that_failed_and_the_others_go_on(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(CSV)
+    (tmp_path / "b.csv").write_bytes(b"\x00\xff" * 50)
+    (tmp_path / "c.toml").write_text("[[logs]\n")
+    jobs = {job.joint: job for job in plan(tmp_path, tmp_path / "out", "dc_motor").jobs}
+    assert not jobs["a"].failure
+    assert "b.csv" in jobs["b"].failure
+    assert jobs["c"].description.name == "c.toml"  # which says what is wrong when it is read
+
+
+def test_a_key_changes_with_all_that_a_job_depends_on(tmp_path: Path) -> None:
+    shutil.copytree(GIMBAL, tmp_path / "one")
+    shutil.copytree(GIMBAL, tmp_path / "two")
+    one, two = (plan(tmp_path / name, tmp_path / "out").jobs[0] for name in ("one", "two"))
+    known = key_of(one, {"seed": 0})
+    assert key_of(one, {"seed": 1}) != known
+    assert key_of(two, {"seed": 0}) != known  # another unit
+    log = tmp_path / "one" / "log.csv"
+    before = log.read_bytes()
+    log.write_bytes(before + b"\n")
+    assert key_of(one, {"seed": 0}) != known
+    log.write_bytes(before)
+    assert key_of(one, {"seed": 0}) == known
+    description = one.description.read_bytes()
+    one.description.write_bytes(description + b"\n")
+    assert key_of(one, {"seed": 0}) != known

@@ -1,0 +1,270 @@
+"""Surveys that are killed, shared, spoiled: what is done is kept, and the rest goes on."""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import polars as pl
+import pytest
+
+from servo_models import survey
+from servo_models.errors import UserError
+from servo_models.survey import store
+from servo_models.survey.store import Store, read_outcome
+from tests.conftest import Run
+from tests.support.sources import ROOT
+
+GIMBAL = ROOT / "examples/gimbal"
+BROKEN = 'actuator = "dc_motor"\n[[logs]]\nfile = "gone.csv"\n'
+"""Fails at once, and is kept like any other."""
+CRASHES = """
+import os, time
+{what}
+"""
+
+
+def broken(folder: Path, count: int) -> Path:
+    for k in range(count):
+        unit = folder / f"unit_{k}"
+        unit.mkdir(parents=True)
+        (unit / "joint.toml").write_text(BROKEN)
+    return folder
+
+
+def kept(out: Path) -> dict[str, str]:
+    files = sorted((out / "jobs").glob("*.json"))
+    return {file.stem: getattr(read_outcome(file), "unit", "half") for file in files}
+
+
+def test_broken_logs_are_rows_and_the_rest_finishes(tmp_path: Path, run: Run) -> None:
+    fleet = broken(tmp_path / "fleet", 3)
+    shutil.copytree(GIMBAL, fleet / "whole")
+    code, _, _ = run("survey", fleet, "--no-reports", "--jobs", "2", "--out", tmp_path / "out")
+    assert code == 1
+    table = pl.read_csv(tmp_path / "out" / "table.csv")
+    assert table["verdict"].to_list() == ["failed", "failed", "failed", "effect"]
+    assert all("gone.csv" in text for text in table["failure"][:3])
+    assert table["causes"][3] == "drive_dead_zone"
+    assert pl.read_parquet(tmp_path / "out" / "table.parquet")["key"].n_unique() == 4
+
+
+@pytest.mark.parametrize(
+    ("what", "says"),
+    [
+        ("os._exit(3)", "exit code 3"),
+        ("os.kill(os.getpid(), 11)", "exit code -11"),
+        ("time.sleep(600)", "does not answer within"),
+    ],
+)
+def test_a_job_that_crashes_or_hangs_ends_alone(
+    tmp_path: Path, what: str, says: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from servo_models.survey import engine
+
+    monkeypatch.setattr(engine, "GRACE_SECONDS", 20.0)
+    fleet = broken(tmp_path / "fleet", 1)
+    (fleet / "unit_1").mkdir()
+    (fleet / "unit_1" / "own.py").write_text(CRASHES.format(what=what))
+    text = BROKEN.replace("dc_motor", "own.py")
+    (fleet / "unit_1" / "joint.toml").write_text(text)
+    found = survey(fleet, tmp_path / "out", jobs=1, reports=False, time_limit=1.0)
+    first, second = found.outcomes
+    assert "gone.csv" in first.failure
+    assert says in second.failure
+
+
+def test_what_is_done_is_not_done_again(tmp_path: Path) -> None:
+    fleet, out = broken(tmp_path / "fleet", 3), tmp_path / "out"
+    survey(fleet, out, jobs=1)
+    stamps = {file: file.stat().st_mtime_ns for file in (out / "jobs").iterdir()}
+    (fleet / "unit_1" / "joint.toml").write_text(f"{BROKEN}\n# corrected")
+    said: list[str] = []
+    survey(fleet, out, jobs=1, tell=lambda done, every, text: said.append(text))
+    assert "2 done, 1 to do" in said[0]
+    assert len(kept(out)) == 4
+    assert all(file.stat().st_mtime_ns == stamp for file, stamp in stamps.items())
+
+
+def test_a_killed_survey_goes_on_where_it_was(tmp_path: Path) -> None:
+    fleet, out = broken(tmp_path / "fleet", 40), tmp_path / "out"
+    words = [sys.executable, "-m", "servo_models", "survey", str(fleet), "--out", str(out)]
+    process = subprocess.Popen([*words, "--jobs", "1"], stderr=subprocess.DEVNULL)
+    while len(kept(out)) < 5 and process.poll() is None:
+        time.sleep(0.005)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    before = kept(out)
+    assert 5 <= len(before) < 40
+    assert "half" not in before.values()
+    survey(fleet, out, jobs=1)
+    assert sorted(kept(out).values()) == sorted(f"unit_{k}" for k in range(40))
+    assert before.items() <= kept(out).items()
+    assert not list(out.rglob("*.part"))
+
+
+def test_several_surveys_share_a_folder_and_do_each_job_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fleet, out = broken(tmp_path / "fleet", 20), tmp_path / "out"
+    written: list[str] = []
+    whole = store.write_whole
+    monkeypatch.setattr(
+        store,
+        "write_whole",
+        lambda path, content: (written.append(path.stem), whole(path, content)),
+    )
+    results: list[int] = []
+
+    def run() -> None:
+        results.append(len(survey(fleet, out, jobs=1).outcomes))
+
+    threads = [threading.Thread(target=run) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert results == [20, 20]
+    assert sorted(written) == sorted(kept(out))
+
+
+def test_a_damaged_result_is_made_again(tmp_path: Path) -> None:
+    fleet, out = broken(tmp_path / "fleet", 2), tmp_path / "out"
+    survey(fleet, out, jobs=1)
+    damaged, other = sorted((out / "jobs").iterdir())
+    damaged.write_bytes(damaged.read_bytes()[:40])
+    before = other.read_bytes()
+    survey(fleet, out, jobs=1)
+    assert read_outcome(damaged)
+    assert other.read_bytes() == before
+
+
+def test_a_full_disk_is_told_and_what_was_done_stays(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fleet, out = broken(tmp_path / "fleet", 4), tmp_path / "out"
+    whole, count = store.write_whole, iter(range(100))
+
+    def full(path: Path, content: bytes) -> None:
+        if next(count) >= 2:
+            raise UserError(f"cannot write '{path}': {os.strerror(errno.ENOSPC)}")
+        whole(path, content)
+
+    monkeypatch.setattr(store, "write_whole", full)
+    with pytest.raises(UserError, match="No space left"):
+        survey(fleet, out, jobs=1)
+    assert len(kept(out)) == 2
+    monkeypatch.undo()
+    assert len(survey(fleet, out, jobs=1).outcomes) == 4
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root writes anywhere")
+def test_a_folder_that_may_not_be_written_is_refused_before_work(tmp_path: Path) -> None:
+    fleet = broken(tmp_path / "fleet", 1)
+    tmp_path.chmod(0o500)
+    try:
+        with pytest.raises(UserError, match="choose a folder that you may write"):
+            survey(fleet, tmp_path / "out")
+    finally:
+        tmp_path.chmod(0o700)
+
+
+def test_a_folder_that_is_a_file_is_refused_before_work(tmp_path: Path) -> None:
+    (tmp_path / "out").write_text("")
+    with pytest.raises(UserError, match="cannot write"):
+        survey(broken(tmp_path / "fleet", 1), tmp_path / "out")
+
+
+def test_a_survey_of_before_that_is_none_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="holds no survey"):
+        survey(broken(tmp_path / "fleet", 1), tmp_path / "out", before=tmp_path)
+
+
+def test_a_claim_ends_with_its_process(tmp_path: Path) -> None:
+    keep = Store(tmp_path)
+    code = (
+        "import sys; from pathlib import Path; from servo_models.survey.store import Store\n"
+        "claim = Store(Path(sys.argv[1])).claimed('a'); print(claim.__enter__(), flush=True)\n"
+        "sys.stdin.read()"
+    )
+    words = [sys.executable, "-c", code, str(tmp_path)]
+    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"True\n"
+        with keep.claimed("a") as ours:
+            assert not ours
+        process.kill()
+    with keep.claimed("a") as ours:
+        assert ours
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[object]:
+    distributed = pytest.importorskip("distributed")
+    local = distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+    )
+    yield local
+    local.close()
+
+
+@pytest.mark.thorough
+def test_a_cluster_gives_the_same_table_to_the_last_digit(tmp_path: Path, cluster: object) -> None:
+    fleet = broken(tmp_path / "fleet", 2)
+    shutil.copytree(GIMBAL, fleet / "whole")
+    address = cluster.scheduler_address  # type: ignore[attr-defined]
+    far = survey(fleet, tmp_path / "far", scheduler=address, reports=False)
+    near = survey(fleet, tmp_path / "near", jobs=2, reports=False)
+    for one, other in ((far.table(), near.table()), (far.estimates(), near.estimates())):
+        columns = [name for name in one.columns if name != "seconds"]
+        assert one.select(columns).equals(other.select(columns))
+
+
+@pytest.mark.thorough
+def test_a_worker_killed_in_mid_run_costs_nothing(tmp_path: Path, cluster: object) -> None:
+    fleet = broken(tmp_path / "fleet", 30)
+    local = cluster
+    pids = [worker.pid for worker in local.workers.values()]  # type: ignore[attr-defined]
+    killed: list[int] = []
+
+    def tell(done: int, every: int, text: str) -> None:
+        if done == 5 and not killed:
+            killed.append(pids[0])
+            os.kill(pids[0], signal.SIGKILL)
+
+    address = local.scheduler_address  # type: ignore[attr-defined]
+    found = survey(fleet, tmp_path / "out", scheduler=address, tell=tell)
+    assert killed
+    assert {one.unit for one in found.outcomes} == {f"unit_{k}" for k in range(30)}
+
+
+@pytest.mark.thorough
+def test_a_scheduler_that_is_gone_is_told_and_what_was_done_stays(tmp_path: Path) -> None:
+    distributed = pytest.importorskip("distributed")
+    fleet, out = broken(tmp_path / "fleet", 60), tmp_path / "out"
+    local = distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None
+    )
+
+    def tell(done: int, every: int, text: str) -> None:
+        if done == 5:
+            local.close()
+
+    with pytest.raises(UserError, match="is gone: what was done is kept"):
+        survey(fleet, out, scheduler=local.scheduler_address, tell=tell)
+    assert len(kept(out)) >= 5
+    assert len(survey(fleet, out, jobs=1).outcomes) == 60
+
+
+def test_no_scheduler_there_is_told(tmp_path: Path) -> None:
+    pytest.importorskip("distributed")
+    with pytest.raises(UserError, match="no scheduler of Dask at"):
+        survey(broken(tmp_path / "fleet", 1), tmp_path / "out", scheduler="tcp://127.0.0.1:1")
