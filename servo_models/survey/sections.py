@@ -106,8 +106,9 @@ def _cards(survey: Survey) -> Iterator[Card]:
     if survey.earlier:
         told = ", ".join(f"{kinds[kind]} {kind}" for kind in KINDS if kinds[kind])
         yield Card("since before", told or "nothing changed", section=CHANGES)
-    if failures := sum(bool(it.failure) for it in survey.outcomes) + len(survey.notes):
-        yield Card("failed and left out", str(failures), section=LEFT_OUT)
+    failed = sum(bool(it.failure) for it in survey.outcomes)
+    if failed or survey.notes:
+        yield Card(LEFT_OUT.lower(), f"{failed} failed, {len(survey.notes)} left out", section=LEFT_OUT)
 
 
 def _names(outcome: Outcome) -> list[str]:
@@ -326,6 +327,7 @@ def _picture(it: Variation, survey: Survey) -> Picture:
                 axes.plot(scale * before[value.unit], -row, "D", color=colour("orange"), mfc="none")
             draw_label(axes, 0.08 - row, value.unit)
         axes.set(xlabel=f"{it.name} [{unit}]", ylim=(-len(chosen) + 0.2, 0.5), yticks=[])
+        axes.spines["left"].set_visible(False)
 
     fewer = f" The lowest and highest {half} of {len(ordered)}." if middle > 0 else ""
     old = " Diamond: before." if before else ""
