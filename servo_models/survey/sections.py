@@ -108,7 +108,9 @@ def _cards(survey: Survey) -> Iterator[Card]:
         yield Card("since before", told or "nothing changed", section=CHANGES)
     failed = sum(bool(it.failure) for it in survey.outcomes)
     if failed or survey.notes:
-        yield Card(LEFT_OUT.lower(), f"{failed} failed, {len(survey.notes)} left out", section=LEFT_OUT)
+        yield Card(
+            LEFT_OUT.lower(), f"{failed} failed, {len(survey.notes)} left out", section=LEFT_OUT
+        )
 
 
 def _names(outcome: Outcome) -> list[str]:

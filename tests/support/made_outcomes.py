@@ -100,10 +100,7 @@ def fleet(units: int, joints: int, episodes: int = 3, parameters: int = 8) -> tu
                     episodes=[
                         [
                             *(estimate(n, v, 0.03, 1.0, 0.3) for n, v in zip(names, values)),
-                            *(
-                                cause.sizes[0]
-                                for cause in ()
-                            ),
+                            *(cause.sizes[0] for cause in ()),
                         ]
                         for values in each
                     ],
