@@ -10,13 +10,15 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from itertools import chain
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
 from servo_models.diagnosis.verdict import covering
+from servo_models.report.document import Document, Figure, about, choice
 from servo_models.survey.job import Estimate, Outcome
 from servo_models.survey.variation import Pooled, pooled, told
 
@@ -26,7 +28,6 @@ FEW_SHARE = 0.1  # of units outside a batch, up to which a cause is on few of th
 LEAST = 2  # units, or joints of one, below which nothing is shared
 MOVED_ERRORS = 3.0  # standard errors from the nominal value, above which a parameter has moved,
 MOVED_PRIORS = 2.0  # if it did by so many standard deviations of what was believed as well
-ALIKE_SHARE = 0.5  # variation of sizes over their mean, up to which they are alike
 LIKELY_SHARE = 0.2  # weight of a cause over that of the first explanation, from which it may be
 OUTSIDE_WEIGHT = 0.01  # of an explanation that is in the set of other jobs and not in that of one
 SET_PROBABILITY = 0.95
@@ -36,47 +37,21 @@ Place = tuple[str, str]
 Effects = frozenset[str]
 
 
-@dataclass(frozen=True)
-class Belonging:
-    """A cause, and whose it is.
+class Belonging(Document, frozen=True):
+    """A cause, and whose it is."""
 
-    Attributes:
-        name: effect or parameter.
-        owner: ``model``, ``batch``, ``unit`` or ``single``.
-        whose: the batch as ``firmware = 2.1``, or the unit; "" for the model.
-        joints: on which, in order; none for all.
-        places: where it was found.
-        asked: units of these joints, of a batch those of it, of a unit its joints.
-        size: of the first parameter [``measure``], None where no log tells it.
-        smallest, largest: of those sizes.
-        measure: unit of measure (SI).
-        single_set: explanations of one job in its set of 95 %, mean of all.
-        fleet_set: the set of all jobs together, as one cause, most likely first.
-    """
-
-    name: str
-    owner: str
-    whose: str
-    joints: tuple[str, ...]
-    places: tuple[Place, ...]
-    asked: int
-    size: Pooled | None
-    smallest: float
-    largest: float
-    measure: str
-    single_set: float
-    fleet_set: tuple[tuple[str, ...], ...]
-
-    @property
-    def alike(self) -> bool:
-        """Whether the sizes are."""
-        size = self.size
-        return size is not None and size.between <= ALIKE_SHARE * abs(size.mean)
-
-    @property
-    def units(self) -> list[str]:
-        """Units that have it."""
-        return sorted({unit for unit, _ in self.places})
+    name: Annotated[str, about("Effect or parameter.")]
+    owner: Annotated[str, choice(MODEL, BATCH, UNIT, SINGLE)]
+    whose: Annotated[str, about("The batch, as 'firmware = 2.1', or the unit.")]
+    joints: Annotated[Sequence[str], about("None are all.")]
+    places: Annotated[Sequence[Place], about("Unit and joint where it was found.")]
+    asked: Annotated[int, about("Units of the model or the batch; joints of the unit.")]
+    size: Annotated[Pooled | None, about("Of its first parameter; null: no log tells it.")]
+    smallest: Figure
+    largest: Figure
+    measure: Annotated[str, about("Unit of measure of these.")]
+    single_set: Annotated[float, about("Explanations in the 95 % set of a job, mean.")]
+    fleet_set: Annotated[Sequence[Sequence[str]], about("Those of all jobs as one cause.")]
 
 
 @dataclass
@@ -112,53 +87,49 @@ class _Case:
         self.taken -= {name}
 
 
-@dataclass(frozen=True)
-class _Scope:
-    """Where a cause may belong."""
+class _Scope(NamedTuple):
+    """Where a cause may belong, after the weight that it has there."""
 
+    weight: float
     name: str
     owner: str
     whose: str
-    joints: frozenset[str]
-    units: frozenset[str]
-    asked: int
-    every_joint: bool = True
+    joints: Collection[str]
+    units: Collection[str]
+    every_joint: bool
 
 
-@dataclass
-class _Fleet:
-    """Units and joints that were diagnosed, and batches: units of a condition's value."""
+class _Fleet(NamedTuple):
+    """Units of each joint, joints of each unit, and units of each batch."""
 
-    units: dict[str, set[str]] = field(default_factory=lambda: defaultdict(set))
-    joints: dict[str, set[str]] = field(default_factory=lambda: defaultdict(set))
-    batches: dict[str, set[str]] = field(default_factory=lambda: defaultdict(set))
+    units: dict[str, set[str]]
+    joints: dict[str, set[str]]
+    batches: dict[str, set[str]]
 
 
-def belongings(outcomes: Iterable[Outcome]) -> tuple[Belonging, ...]:
+def belongings(outcomes: Iterable[Outcome]) -> list[Belonging]:
     """Return every cause of a survey with whom it belongs to, the widest first."""
-    fleet = _Fleet()
-    cases: list[_Case] = []
-    for outcome in outcomes:
-        if not outcome.failure:
-            fleet.units[outcome.joint].add(outcome.unit)
-            fleet.joints[outcome.unit].add(outcome.joint)
-            for key, value in outcome.conditions.items():
-                fleet.batches[f"{key} = {value}"].add(outcome.unit)
-            cases += _cases(outcome)
-    found = [*_taken_off(cases, lambda: _shared(cases, fleet))]
+    fleet = _Fleet(defaultdict(set), defaultdict(set), defaultdict(set))
     by_unit: dict[str, list[_Case]] = defaultdict(list)
-    for case in cases:
-        by_unit[case.place[0]].append(case)
+    for outcome in (it for it in outcomes if not it.failure):
+        fleet.units[outcome.joint].add(outcome.unit)
+        fleet.joints[outcome.unit].add(outcome.joint)
+        for key, value in outcome.conditions.items():
+            fleet.batches[f"{key} = {value}"].add(outcome.unit)
+        by_unit[outcome.unit] += _cases(outcome)
+    cases = [*chain(*by_unit.values())]
+    found = [*_taken_off(cases, partial(_shared, cases, fleet))]
     for mine in by_unit.values():
         found += _taken_off(mine, partial(_of_unit, mine, fleet))
     for case in cases:
         unit, joint = case.place
-        taken = case.taken if case.taken in case.open else max(case.open, key=case.open.__getitem__)
-        for name in sorted(taken):
-            scope = _Scope(name, SINGLE, unit, frozenset({joint}), frozenset({unit}), 1, False)
-            found.append(_belonging(scope, [case]))
+        first = case.taken if case.taken in case.open else max(case.open, key=case.open.__getitem__)
+        for name in sorted(first):
+            found.append(
+                _belonging(_Scope(1.0, name, SINGLE, unit, {joint}, {unit}, False), [case])
+            )
             case.explain(name)
-    return tuple(found)
+    return found
 
 
 def _cases(outcome: Outcome) -> Iterator[_Case]:
@@ -168,75 +139,62 @@ def _cases(outcome: Outcome) -> Iterator[_Case]:
         weights = {frozenset(one.effects): one.weight for one in outcome.explanations}
         sizes = {one.effect: next(iter(one.sizes), None) for one in outcome.causes}
         yield _Case(place, taken, weights or {taken: 1.0}, sizes)
-    for estimate in outcome.parameters:
-        if _moved(estimate):
-            name = frozenset({estimate.name})
-            yield _Case(place, name, {name: 1.0}, {estimate.name: estimate})
-
-
-def _moved(estimate: Estimate) -> bool:
-    distance = abs(estimate.value - estimate.nominal)
-    error, prior = estimate.standard_error, estimate.prior
-    if error is None or prior is None:
-        return False
-    return distance > MOVED_ERRORS * error and distance > MOVED_PRIORS * prior
+    for one in outcome.parameters:
+        distance, error, prior = abs(one.value - one.nominal), one.standard_error, one.prior
+        if error and prior and distance > max(MOVED_ERRORS * error, MOVED_PRIORS * prior):
+            name = frozenset({one.name})
+            yield _Case(place, name, {name: 1.0}, {one.name: one})
 
 
 def _taken_off(
-    cases: Sequence[_Case], options: Callable[[], Iterable[tuple[_Scope, float]]]
+    cases: Sequence[_Case], options: Callable[[], Iterable[_Scope]]
 ) -> Iterator[Belonging]:
     """The scope of the most weight, and again without what it explains, until none is left."""
-    while found := [*options()]:
-        scope, _ = max(found, key=lambda it: (it[1], it[0].name, it[0].whose))
-        explained = [case for case in cases if _inside(case, scope)]
+    while scopes := [*options()]:
+        scope = max(scopes, key=lambda it: it[:4])
+        inside = (it for it in cases if it.place[0] in scope.units and it.place[1] in scope.joints)
+        explained = [case for case in inside if scope.name in case.weights()]
         yield _belonging(scope, explained)
         for case in explained:
             case.explain(scope.name)
 
 
-def _inside(case: _Case, scope: _Scope) -> bool:
-    unit, joint = case.place
-    return unit in scope.units and joint in scope.joints and scope.name in case.weights()
-
-
-def _by_cause(cases: Sequence[_Case]) -> dict[str, dict[Place, float]]:
-    """Weight of each cause where it may be."""
+def _by_cause(cases: Sequence[_Case]) -> Iterator[tuple[str, dict[Place, float]]]:
+    """Each cause with its weight where it may be."""
     found: dict[str, dict[Place, float]] = defaultdict(dict)
     for case in cases:
         for name, weight in case.weights().items():
-            found[name][case.place] = max(weight, found[name].get(case.place, 0.0))
-    return found
+            found[name][case.place] = weight
+    return iter(found.items())
 
 
-def _shared(cases: Sequence[_Case], fleet: _Fleet) -> Iterator[tuple[_Scope, float]]:
-    """Causes of the model or of a batch, each with the weight that it has there."""
-    for name, weights in _by_cause(cases).items():
+def _shared(cases: Sequence[_Case], fleet: _Fleet) -> Iterator[_Scope]:
+    """Causes of the model or of a batch."""
+    for name, weights in _by_cause(cases):
         units_of: dict[str, set[str]] = defaultdict(set)
         for unit, joint in weights:
             units_of[joint].add(unit)
         joints_of: dict[str, set[str]] = defaultdict(set)
         for joint, there in units_of.items():
-            asked = fleet.units[joint]
-            batch = _batch(there, asked, fleet.batches)
-            if batch or _most(there, asked):
+            batch = _batch(there, fleet.units[joint], fleet.batches)
+            if batch or _most(there, fleet.units[joint]):
                 joints_of[batch].add(joint)
         for batch, found in joints_of.items():
             joints = {*fleet.units} if _most(found, fleet.units) else found
             every = set[str]().union(*(fleet.units[joint] for joint in joints))
             units = fleet.batches.get(batch, every) & every
-            scope = _Scope(
-                name,
-                BATCH if batch else MODEL,
-                batch,
-                frozenset(joints),
-                frozenset(units),
-                len(units),
-                len(joints) == len(fleet.units),
-            )
-            yield (
-                scope,
-                sum(w for (unit, joint), w in weights.items() if unit in units and joint in joints),
-            )
+            weight = sum(w for (u, j), w in weights.items() if u in units and j in joints)
+            whole = len(joints) == len(fleet.units)
+            yield _Scope(weight, name, BATCH if batch else MODEL, batch, joints, units, whole)
+
+
+def _of_unit(cases: Sequence[_Case], fleet: _Fleet) -> Iterator[_Scope]:
+    """Causes of the unit whose cases these are."""
+    for name, weights in _by_cause(cases):
+        unit = cases[0].place[0]
+        joints = fleet.joints[unit]
+        if _most(weights, joints):
+            yield _Scope(sum(weights.values()), name, UNIT, unit, joints, {unit}, True)
 
 
 def _most(there: Collection[object], asked: Collection[object]) -> bool:
@@ -255,40 +213,28 @@ def _batch(there: set[str], asked: set[str], batches: Mapping[str, set[str]]) ->
     return max(found, key=found.__getitem__, default="")
 
 
-def _of_unit(cases: Sequence[_Case], fleet: _Fleet) -> Iterator[tuple[_Scope, float]]:
-    """Causes of the unit whose cases these are."""
-    for name, weights in _by_cause(cases).items():
-        (unit,) = {unit for unit, _ in weights}
-        joints = fleet.joints[unit]
-        if _most(weights, joints):
-            scope = _Scope(name, UNIT, unit, frozenset(joints), frozenset({unit}), len(joints))
-            yield scope, sum(weights.values())
-
-
 def _belonging(scope: _Scope, cases: Sequence[_Case]) -> Belonging:
-    name = scope.name
-    estimates = [one for case in cases if (one := case.sizes.get(name))]
-    sizes = [size for one in estimates if (size := told(one))]
-    values, errors = np.array(sizes).reshape(-1, 2).T
-    tables = [case.instead_of(name) for case in cases]
-    everything = sorted({*chain(*tables)}, key=sorted)
-    weights = np.array([[t.get(e, OUTSIDE_WEIGHT) for e in everything] for t in tables])
+    """What these cases say of the cause, each of which may have it."""
+    estimates = [one for case in cases if (one := case.sizes.get(scope.name))]
+    known = np.array([size for one in estimates if (size := told(one))]).reshape(-1, 2)
+    tables = [case.instead_of(scope.name) for case in cases]
+    every = sorted({*chain(*tables)}, key=sorted)
+    weights = np.array([[table.get(it, OUTSIDE_WEIGHT) for it in every] for table in tables])
     together = np.log(weights).sum(axis=0)
     together = np.exp(together - together.max())
+    held = covering(together / together.sum(), SET_PROBABILITY)
+    single = [len(covering(row / row.sum(), SET_PROBABILITY)) for row in weights]
     return Belonging(
-        name,
+        scope.name,
         scope.owner,
         scope.whose,
-        () if scope.every_joint else tuple(sorted(scope.joints)),
-        tuple(sorted({case.place for case in cases})),
-        scope.asked,
-        pooled(values, errors) if len(values) else None,
-        float(values.min(initial=np.inf)),
-        float(values.max(initial=-np.inf)),
+        () if scope.every_joint else sorted(scope.joints),
+        sorted({case.place for case in cases}),
+        len(scope.joints if scope.owner == UNIT else scope.units),
+        pooled(*known.T) if len(known) else None,
+        min(known[:, 0], default=None),
+        max(known[:, 0], default=None),
         estimates[0].unit if estimates else "",
-        float(np.mean([len(covering(row / row.sum(), SET_PROBABILITY)) for row in weights])),
-        tuple(
-            tuple(sorted(everything[k]))
-            for k in covering(together / together.sum(), SET_PROBABILITY)
-        ),
+        float(np.mean(single)),
+        [sorted(every[k]) for k in held],
     )

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
+import msgspec
 import numpy as np
 
 from servo_models.core.types import Array
 from servo_models.data.parameters import Estimate as Given
 from servo_models.data.parameters import ParameterSet
-from servo_models.data.readers.columns import extra
 from servo_models.diagnosis.verdict import NO_GAP
 from servo_models.errors import UserError
+from servo_models.report.document import Document, Figure, about, choice
 from servo_models.report.numbers import ARROW, number, plural
 from servo_models.report.result import Result
 from servo_models.survey.belonging import MODEL, Belonging, Place, belongings
@@ -26,35 +27,10 @@ from servo_models.survey.variation import Pooled, Split, outlying, split, told
 if TYPE_CHECKING:
     import polars as pl
 
-MOST_SPLITS = 24  # variances that are split for a page: each is a mixed model
 FAILED = "failed"
-NEW, GONE, WORSE, BETTER, OTHER = "new", "gone", "worse", "better", "other"
-COLUMNS: dict[str, type] = {
-    "unit": str,
-    "joint": str,
-    "verdict": str,
-    "causes": str,
-    "size": float,
-    "standard_error": float,
-    "measure": str,
-    "probability": float,
-    "gap_before": float,
-    "gap_after": float,
-    "held_out": float,
-    "warnings": str,
-    "seconds": float,
-    "failure": str,
-    "key": str,
-}
-ESTIMATES = {
-    **{"unit": str, "joint": str, "episode": str, "held_out": bool, "name": str, "measure": str},
-    **dict.fromkeys(("nominal", "prior", "value", "standard_error"), float),
-}
-SPREAD = {
-    **{"joint": str, "name": str, "measure": str, "units": int, "episodes": int},
-    **dict.fromkeys(("nominal", "mean", "error", "between"), float),
-    **dict.fromkeys(("unit_share", "episode_share", "rest_share"), float),
-}
+MOST_SPLITS = 24  # parameters of which a page has a mixed model
+CHANGES = WORSE, BETTER, NEW, GONE, OTHER = ("worse", "better", "new", "gone", "other")
+FLOATS = ("size", "standard_error", "probability", "gap_before", "gap_after", "held_out")
 
 
 class Value(NamedTuple):
@@ -67,49 +43,29 @@ class Value(NamedTuple):
     estimate: Estimate
 
 
-@dataclass(frozen=True, eq=False)
-class Variation:
-    """A parameter of a joint over the units.
-
-    Attributes:
-        joint, name, measure: of which joint, parameter and unit of measure (SI).
-        nominal: value of the model [SI].
-        prior: standard deviation that was believed of it, None for none.
-        values: of the units, as far as their logs tell one.
-        common: mean of those that do not stand out.
-        outliers: values that do.
-        episodes: the same of single logs.
-    """
+class Variation(Document, frozen=True):
+    """A parameter of a joint over the units [SI], as far as their logs tell a value."""
 
     joint: str
     name: str
-    measure: str
+    measure: Annotated[str, about("Unit of measure.")]
     nominal: float
-    prior: float | None
-    values: tuple[Value, ...]
-    common: Pooled
-    outliers: tuple[Value, ...]
-    episodes: tuple[Value, ...]
+    prior: Figure
+    common: Annotated[Pooled, about("Of the units that do not stand out.")]
+    outliers: Annotated[Sequence[str], about("Units that stand out.")]
 
     @property
     def size(self) -> float:
-        """How far values may vary [1]: between units, over what was believed or over the mean."""
+        """How far it varies between units, over what was believed, else over the mean [1]."""
         return self.common.between / (self.prior or abs(self.common.mean) or 1.0)
 
-    @cached_property
-    def split(self) -> Split | None:
-        """Variance of the episodes by unit, episode and rest; see ``variation.split``."""
-        values, errors = _arrays(self.episodes)
-        return split([value.unit for value in self.episodes], values, errors)
 
-
-@dataclass(frozen=True)
-class Difference:
+class Difference(Document, frozen=True):
     """How a joint of a unit is other than in an earlier survey, and why that is said."""
 
     unit: str
     joint: str
-    kind: str
+    kind: Annotated[str, choice(*CHANGES)]
     why: str
 
 
@@ -122,20 +78,19 @@ class Survey(Result):
         outcomes: one a job.
         notes: what was left out when it was planned.
         earlier: outcomes of an earlier survey, to compare with.
-        folder: holds the diagnosis of a job as ``jobs/KEY.json``, its page as
-            ``reports/KEY.html``; None for nowhere.
+        folder: holds the diagnosis of a job as ``jobs/KEY.json``, its page as ``reports/KEY.html``.
     """
 
     name: str
     outcomes: tuple[Outcome, ...]
     notes: tuple[str, ...] = ()
     earlier: tuple[Outcome, ...] = ()
-    folder: Path | None = None
+    folder: Path = Path()
 
     @cached_property
-    def worst(self) -> tuple[Outcome, ...]:
+    def worst(self) -> list[Outcome]:
         """Outcomes, the largest gap first; those that failed come before those without a gap."""
-        return tuple(sorted(self.outcomes, key=badness, reverse=True))
+        return sorted(self.outcomes, key=badness, reverse=True)
 
     @cached_property
     def by_place(self) -> dict[Place, Outcome]:
@@ -143,66 +98,64 @@ class Survey(Result):
         return _by_place(self.outcomes)
 
     @cached_property
-    def belongings(self) -> tuple[Belonging, ...]:
+    def belongings(self) -> list[Belonging]:
         """Causes with whom they belong to: the model, a batch, a unit, one joint."""
         return belongings(self.outcomes)
 
     @cached_property
-    def variations(self) -> tuple[Variation, ...]:
-        """Parameters of each joint over the units, those that vary most first."""
+    def values(self) -> dict[Place, list[Value]]:
+        """Values that logs tell, by joint and name of the parameter."""
         found: dict[Place, list[Value]] = defaultdict(list)
         for value in values_of(self.outcomes):
-            found[value.joint, value.estimate.name].append(value)
-        every = (variation(joint, values) for (joint, _), values in found.items())
-        return tuple(sorted(filter(None, every), key=lambda it: it.size, reverse=True))
+            if told(value.estimate):
+                found[value.joint, value.estimate.name].append(value)
+        return found
 
     @cached_property
-    def splits(self) -> dict[Place, Split]:
-        """Where the variance of those that vary most is from, by joint and parameter."""
-        if self.no_splits:
-            return {}
-        chosen = self.variations[:MOST_SPLITS]
-        return {(it.joint, it.name): it.split for it in chosen if it.split}
+    def variations(self) -> list[Variation]:
+        """Parameters of each joint over the units, those that vary most first."""
+        every = (variation(joint, values) for (joint, _), values in self.values.items())
+        return sorted(filter(None, every), key=lambda it: it.size, reverse=True)
 
     @cached_property
-    def no_splits(self) -> str:
-        """Why variances are not split: what to install, "" where they are."""
-        try:
-            extra("survey", "statsmodels")
-        except UserError as error:
-            return str(error)
-        return ""
+    def splits(self) -> dict[Place, Split | None]:
+        """Where the variance of the parameters that vary most is from; see ``split``."""
+        most = self.variations[:MOST_SPLITS]
+        return {(it.joint, it.name): self.split(it.joint, it.name) for it in most}
 
     @cached_property
-    def differences(self) -> tuple[Difference, ...]:
+    def differences(self) -> list[Difference]:
         """What is other than in the earlier survey, none without one.
 
-        The first of these that holds decides. Worse: it failed and did not; a gap, where there was
-        none; a cause more; the interval of 95 % of the gap is above that of the earlier one. Better
-        is the reverse. Other: other causes.
+        The first of these that holds decides.  Worse: it failed and did not; a gap, where there was
+        none; a cause more; the interval of 95 % of the gap is above that of the earlier one.
+        Better is the reverse.  Other: other causes.
         """
         before = _by_place(self.earlier)
-        return tuple(_differences(before, self.by_place)) if self.earlier else ()
+        every = (
+            _difference(place, before.get(place), self.by_place.get(place))
+            for place in sorted({*before, *self.by_place} if before else ())
+        )
+        return sorted(filter(None, every), key=lambda it: CHANGES.index(it.kind))
+
+    def split(self, joint: str, name: str) -> Split | None:
+        """Return where the variance of a parameter's episodes is from; see ``variation.split``."""
+        episodes = [value for value in self.values[joint, name] if value.episode is not None]
+        units = [value.unit for value in episodes]
+        return split(units, *told_arrays(episodes)) if episodes else None
 
     def table(self) -> pl.DataFrame:
         """Return a row a job; gaps are in noise floors, the size [SI] is that of the first cause.
 
         Example:
-            ``survey.table().filter(pl.col("verdict") == "failed")``
+            ``survey.table().filter(verdict="failed")``
         """
         import polars as pl
 
-        keys = dict.fromkeys(key for outcome in self.outcomes for key in outcome.conditions)
-        names = {key: f"condition {key}" if key in COLUMNS else key for key in keys}
-        every = [*COLUMNS]
-        schema = {name: COLUMNS[name] for name in every[:2]}
-        schema |= dict.fromkeys(names.values(), str)
-        schema |= {name: COLUMNS[name] for name in every[2:]}
-        rows = (
-            _row(outcome) | {names[key]: value for key, value in outcome.conditions.items()}
-            for outcome in self.outcomes
+        floats = dict.fromkeys(FLOATS, pl.Float64)
+        return pl.DataFrame(
+            [_row(it) for it in self.outcomes], schema_overrides=floats, infer_schema_length=None
         )
-        return pl.DataFrame([*rows], schema)
 
     def estimates(self) -> pl.DataFrame:
         """Return a row a value [SI]: of each job from all its logs, and from each ``episode``.
@@ -210,36 +163,22 @@ class Survey(Result):
         Values are of nominal parameters and of effects that were taken.
 
         Example:
-            ``survey.estimates().filter(pl.col("name") == "inertia")``
+            ``survey.estimates().filter(name="inertia")``
         """
         import polars as pl
 
-        rows = [
-            (*place, it.name, it.unit, it.nominal, it.prior, it.value, it.standard_error)
-            for *place, it in values_of(self.outcomes)
-        ]
-        return pl.DataFrame(rows, ESTIMATES, orient="row")
+        texts = dict.fromkeys(("unit", "joint", "episode"), str)
+        names = {"name": str, "measure": str}
+        floats = dict.fromkeys(("nominal", "prior", "value", "standard_error"), float)
+        rows = (
+            (*place, *(getattr(estimate, key) for key in estimate.__struct_fields__))
+            for *place, estimate in values_of(self.outcomes)
+        )
+        return pl.DataFrame([*rows], {**texts, "held_out": bool, **names, **floats}, orient="row")
 
-    def spread(self) -> pl.DataFrame:
-        """Return how each parameter varies over units and episodes [SI], a row a joint of each.
-
-        The shares of variance are those of ``variation.split``, null where no unit has two
-        episodes.
-
-        Raises:
-            UserError: statsmodels is not installed.
-        """
-        import polars as pl
-
-        rows = [
-            (
-                *(it.joint, it.name, it.measure, it.common.count, len(it.episodes), it.nominal),
-                *(it.common.mean, it.common.error, it.common.between),
-                *(it.split.shares if it.split else (None, None, None)),
-            )
-            for it in self.variations
-        ]
-        return pl.DataFrame(rows, SPREAD, orient="row")
+    def diagnosis(self, unit: str, joint: str) -> Any:
+        """Return a diagnosis as of ``servo-models diagnose --json``, None where the job failed."""
+        return msgspec.json.decode(self.by_place[unit, joint].diagnosis)
 
     def common(self, joint: str | None = None) -> ParameterSet:
         """Return nominal parameters that fit all units, with the effects that belong to the model.
@@ -257,44 +196,30 @@ class Survey(Result):
             ``sm.write_parameters(survey.common("elbow"), "elbow.toml")``
         """
         chosen = [it for it in self.outcomes if not it.failure and joint in (None, it.joint)]
-        of = sorted({(it.actuator, it.variant) for it in chosen})
+        of = {(it.actuator, it.variant) for it in chosen}
         if len(of) != 1:
             joints = ", ".join(sorted({it.joint for it in self.outcomes if not it.failure}))
-            raise UserError(f"no one actuator for joint {joint or 'of all'}: name one of {joints}")
-        shared = {
-            it.name
-            for it in self.belongings
-            if it.owner == MODEL and (not it.joints or joint in it.joints)
-        }
+            raise UserError(f"{len(of)} actuators to take a mean of: name a joint of {joints}")
+        every = (it for it in self.belongings if it.owner == MODEL)
+        shared = {it.name for it in every if not it.joints or joint in it.joints}
         found: dict[str, list[Value]] = defaultdict(list)
         for value in values_of(chosen):
             effect, dot, _ = value.estimate.name.partition(".")
-            if not dot or effect in shared:
+            if told(value.estimate) and (not dot or effect in shared):
                 found[value.estimate.name].append(value)
-        means = {
-            name: (it.common, [value.estimate.value for value in it.values])
-            for name, values in found.items()
-            if (it := variation(joint or "", values))
-        }
-        if not means:
-            raise UserError("no logs tell a parameter: there is no mean to take")
-        ((actuator, variant),) = of
-        units = {it.unit for it in chosen}
-        return ParameterSet(
-            actuator,
-            variant,
-            tuple(
-                # what is taken off for the prior may lead out of bounds, which estimates keep
-                Given(
-                    name,
-                    float(np.clip(mean.mean, min(raw), max(raw))),
-                    mean.spread,
-                    f"mean of {mean.count}",
-                )
-                for name, (mean, raw) in means.items()
-            ),
-            method=f"survey {self.name}, mean of {plural(len(units), 'unit')}",
-        )
+        estimates = []
+        for values in found.values():
+            if mean := variation(joint or "", values):
+                raw = [value.estimate.value for value in values]
+                # what the prior held back may lie out of bounds, which estimates keep
+                kept = float(np.clip(mean.common.mean, min(raw), max(raw)))
+                origin = f"mean of {mean.common.count}"
+                estimates.append(Given(mean.name, kept, mean.common.spread, origin))
+        if not estimates:
+            raise UserError("no log tells a parameter: there is no mean to take")
+        units = plural(len({it.unit for it in chosen}), "unit")
+        method = f"survey {self.name}, mean of {units}"
+        return ParameterSet(*of.pop(), tuple(estimates), method=method)
 
 
 def verdict(outcome: Outcome) -> str:
@@ -314,30 +239,29 @@ def badness(outcome: Outcome) -> tuple[int, float]:
 
 
 def _by_place(outcomes: Iterable[Outcome]) -> dict[Place, Outcome]:
-    found = sorted(outcomes, key=badness)
-    return {(outcome.unit, outcome.joint): outcome for outcome in found}
+    return {(outcome.unit, outcome.joint): outcome for outcome in sorted(outcomes, key=badness)}
 
 
 def _row(outcome: Outcome) -> dict[str, object]:
     taken = causes(outcome)
-    size = next((size for cause in taken for size in cause.sizes[:1]), None)
-    return {
-        "unit": outcome.unit,
-        "joint": outcome.joint,
+    size = next((size for cause in taken for size in cause.sizes), None)
+    row: dict[str, object] = {
         "verdict": verdict(outcome),
         "causes": ", ".join(cause.effect for cause in taken),
         "size": size and size.value,
         "standard_error": size and size.standard_error,
-        "measure": size and size.unit,
+        "measure": size.unit if size else "",
         "probability": taken[0].probability if taken else None,
-        "gap_before": outcome.gap_before,
-        "gap_after": outcome.gap_after,
-        "held_out": outcome.held_out,
+        **{key: getattr(outcome, key) for key in ("gap_before", "gap_after", "held_out")},
         "warnings": " | ".join(outcome.warnings),
-        "seconds": outcome.seconds,
-        "failure": outcome.failure,
-        "key": outcome.key,
+        **{key: getattr(outcome, key) for key in ("seconds", "failure", "key")},
     }
+    place = {"unit": outcome.unit, "joint": outcome.joint}
+    known = {
+        f"condition {key}" if key in (*row, *place) else key: value
+        for key, value in outcome.conditions.items()
+    }
+    return {**place, **known, **row}
 
 
 def values_of(outcomes: Iterable[Outcome]) -> Iterator[Value]:
@@ -350,64 +274,36 @@ def values_of(outcomes: Iterable[Outcome]) -> Iterator[Value]:
                 yield Value(it.unit, it.joint, episode.log, episode.held_out, estimate)
 
 
-def _arrays(values: Iterable[Value]) -> tuple[Array, Array]:
-    known, errors = np.array([told(value.estimate) for value in values]).reshape(-1, 2).T
-    return known, errors
+def told_arrays(values: Iterable[Value]) -> Array:
+    """Return values and standard errors [SI] that logs tell, shape (2, n)."""
+    return np.array([told(value.estimate) for value in values]).T
 
 
 def variation(joint: str, values: Iterable[Value]) -> Variation | None:
-    """Return how the values of one parameter vary, None where no logs tell one."""
-    clear = [value for value in values if told(value.estimate)]
-    whole = tuple(value for value in clear if value.episode is None)
+    """Return how told values of one parameter vary, None where there are episodes' alone."""
+    whole = [value for value in values if value.episode is None]
     if not whole:
         return None
-    common, far = outlying(*_arrays(whole))
-    first = whole[0].estimate
-    return Variation(
-        joint,
-        first.name,
-        first.unit,
-        first.nominal,
-        first.prior,
-        whole,
-        common,
-        tuple(whole[k] for k in far),
-        tuple(value for value in clear if value.episode is not None),
-    )
+    common, far = outlying(*told_arrays(whole))
+    first, outliers = whole[0].estimate, [whole[k].unit for k in far]
+    return Variation(joint, first.name, first.unit, first.nominal, first.prior, common, outliers)
 
 
-def _differences(
-    before: Mapping[Place, Outcome], now: Mapping[Place, Outcome]
-) -> Iterator[Difference]:
-    for place in sorted({*before, *now}):
-        if place not in before:
-            yield Difference(*place, NEW, verdict(now[place]))
-        elif place not in now:
-            yield Difference(*place, GONE, f"was {verdict(before[place])}")
-        elif said := _change(before[place], now[place]):
-            yield Difference(*place, *said)
-
-
-def _change(before: Outcome, now: Outcome) -> tuple[str, str] | None:
-    """Whether a job is worse or better, and why."""
+def _difference(place: Place, before: Outcome | None, now: Outcome | None) -> Difference | None:
+    if before is None or now is None:
+        only = now or before
+        return Difference(*place, NEW if now else GONE, verdict(only)) if only else None
     was, got = ({cause.effect for cause in causes(it)} for it in (before, now))
     earlier, gap = (it.gap_before_interval or (np.nan, np.nan) for it in (before, now))
+    verdicts = f"{verdict(before)} {ARROW} {verdict(now)}"
+    sets = f" {ARROW} ".join(", ".join(sorted(names)) or "no cause" for names in (was, got))
     gaps = f"gap {number(before.gap_before, 3)} {ARROW} {number(now.gap_before, 3)}"
-    rules = (
-        (now.failure, before.failure, f"{verdict(before)} {ARROW} {verdict(now)}"),
-        (
-            now.verdict != NO_GAP,
-            before.verdict != NO_GAP,
-            f"{verdict(before)} {ARROW} {verdict(now)}",
-        ),
-        (got > was, was > got, f"causes {_told(was)} {ARROW} {_told(got)}"),
+    for worse, better, why in (
+        (now.failure, before.failure, verdicts),
+        (now.verdict != NO_GAP, before.verdict != NO_GAP, verdicts),
+        (got > was, was > got, sets),
         (gap[0] > earlier[1], gap[1] < earlier[0], gaps),
-    )
-    for worse, better, why in rules:
+    ):
         if bool(worse) != bool(better):
-            return WORSE if worse else BETTER, why
-    return (OTHER, rules[2][2]) if got != was else None
-
-
-def _told(names: set[str]) -> str:
-    return ", ".join(sorted(names)) or "none"
+            return Difference(*place, WORSE if worse else BETTER, why)
+    return Difference(*place, OTHER, sets) if got != was else None

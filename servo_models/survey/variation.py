@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import brentq
@@ -13,6 +11,7 @@ from scipy.stats import t as student_t
 
 from servo_models.core.types import Array
 from servo_models.data.readers.columns import extra
+from servo_models.report.document import Document, Magnitude
 from servo_models.survey.job import Estimate
 
 TOLD_PRIORS = 0.5  # standard error over the prior's, above which it is no value of the logs
@@ -20,40 +19,30 @@ OUTLIER_CHANCE = 0.01  # probability that noise alone makes any unit of a parame
 FAR_DEVIATIONS = 5.2  # distance from the median over the median distance; Iglewicz, Hoaglin (1993)
 FAR_ERRORS = 3.0  # the same over the value's own standard error, where many values are equal
 VAGUE_ERRORS = 5.0  # standard error over the median one, above which an episode tells too little
-MOST_UNITS = 100  # units of a mixed model, evenly picked: each costs milliseconds
+MOST_UNITS = 60  # units of a mixed model, evenly picked: each costs milliseconds
 
 
-class Told(NamedTuple):
-    """What logs alone say of a parameter [SI]."""
-
-    value: float
-    error: float
-
-
-def told(estimate: Estimate) -> Told | None:
-    """Return an estimate without its prior, None where the logs tell no value.
+def told(estimate: Estimate) -> tuple[float, float] | None:
+    """Return what logs alone say, value and standard error [SI]; None where they tell no value.
 
     A mean of estimates would count the prior once for each.  Of one parameter this is exact: the
     precision of the prior is taken off, and its share of the value.
     """
     error, prior = estimate.standard_error, estimate.prior
-    if not error or not np.isfinite(error):
-        return None
-    share = (error / prior) ** 2 if prior else 0.0
-    if share > TOLD_PRIORS**2:
+    share = (error / prior) ** 2 if error and prior else 0.0
+    if not error or not np.isfinite(error) or share > TOLD_PRIORS**2:
         return None
     pulled = (estimate.value - estimate.nominal) * share / (1.0 - share)
-    return Told(estimate.value + pulled, error / float(np.sqrt(1.0 - share)))
+    return estimate.value + pulled, error / float(np.sqrt(1.0 - share))
 
 
-@dataclass(frozen=True)
-class Pooled:
+class Pooled(Document, frozen=True):
     """The mean of ``count`` values, its standard error, and the standard deviation between them
     beside their own errors [SI]."""
 
     mean: float
-    error: float
-    between: float
+    error: Magnitude
+    between: Magnitude
     count: int
 
     @property
@@ -77,18 +66,17 @@ def pooled(values: Array, errors: Array) -> Pooled:
         1.0
     """
 
-    def weighted(variance: float) -> tuple[float, float]:
-        weights = 1.0 / (errors**2 + variance)
-        return float(weights @ values / weights.sum()), float(weights.sum() ** -0.5)
-
     def excess(variance: float) -> float:
-        scatter = (values - weighted(variance)[0]) ** 2 / (errors**2 + variance)
-        return float(scatter.sum()) - (len(values) - 1)
+        weights = 1.0 / (errors**2 + variance)
+        distances = values - weights @ values / weights.sum()
+        return float(weights @ distances**2) - (len(values) - 1)
 
     variance = 0.0
     if excess(0.0) > 0.0:  # at the plain variance of the values, it is not
         variance = brentq(excess, 0.0, float(np.var(values, ddof=1)))
-    return Pooled(*weighted(variance), float(np.sqrt(variance)), len(values))
+    weights = 1.0 / (errors**2 + variance)
+    mean = float(weights @ values / weights.sum())
+    return Pooled(mean, float(weights.sum() ** -0.5), float(np.sqrt(variance)), len(values))
 
 
 def outlying(values: Array, errors: Array) -> tuple[Pooled, list[int]]:
@@ -100,28 +88,24 @@ def outlying(values: Array, errors: Array) -> tuple[Pooled, list[int]]:
     distances = np.abs(values - np.median(values))
     near = distances <= FAR_DEVIATIONS * np.median(distances) + FAR_ERRORS * errors
     others = pooled(values[near], errors[near])
-    chance = OUTLIER_CHANCE / len(values)
-    limit = student_t.ppf(1.0 - chance / 2.0, max(others.count - 1, 1))
+    limit = student_t.ppf(1.0 - OUTLIER_CHANCE / 2.0 / len(values), max(others.count - 1, 1))
     far = ~near & (np.abs(values - others.mean) > limit * np.hypot(others.spread, errors))
     return pooled(values[~far], errors[~far]), np.flatnonzero(far).tolist()
 
 
-@dataclass(frozen=True)
-class Split:
-    """Variances [SI squared] of a parameter over episodes: between ``units``, between the episodes
-    of one, and the rest, which their standard errors explain."""
+class Split(Document, frozen=True):
+    """Variances [SI squared] of a parameter over single episodes: between units, between the
+    episodes of one, and the rest, which their standard errors explain."""
 
-    unit: float
-    episode: float
-    rest: float
-    units: int
+    unit: Magnitude
+    episode: Magnitude
+    rest: Magnitude
 
     @property
-    def shares(self) -> tuple[float, float, float]:
+    def shares(self) -> list[float]:
         """Of unit, episode and rest in their sum."""
         parts = (self.unit, self.episode, self.rest)
-        unit, episode, rest = (part / (sum(parts) or 1.0) for part in parts)
-        return unit, episode, rest
+        return [part / (sum(parts) or 1.0) for part in parts]
 
 
 def split(units: Sequence[str], values: Array, errors: Array) -> Split | None:
@@ -140,22 +124,21 @@ def split(units: Sequence[str], values: Array, errors: Array) -> Split | None:
         UserError: statsmodels is not installed.
     """
     mixed = extra("survey", "statsmodels.regression.mixed_linear_model")
-    every = sorted({*units})
-    picked = {every[k] for k in np.linspace(0, len(every) - 1, MOST_UNITS).round().astype(int)}
-    clear = errors <= VAGUE_ERRORS * np.median(errors) if len(errors) else np.zeros(0, bool)
-    chosen = np.flatnonzero(clear & np.array([unit in picked for unit in units], bool))
-    names, group = np.unique(np.array(units)[chosen], return_inverse=True)
+    names, group = np.unique(units, return_inverse=True)
+    picked = np.linspace(0, len(names) - 1, MOST_UNITS).round()
+    chosen = np.isin(group, picked) & (errors <= VAGUE_ERRORS * np.median(errors))
     values, errors = values[chosen], errors[chosen]
+    names, group = np.unique(group[chosen], return_inverse=True)
     if not 1 < len(names) < len(values):
         return None
-    scale = float(np.std(values))
+    scale = float(np.std(values)) or 1.0
     means = np.bincount(group, values) / np.bincount(group)
-    if np.allclose(values, means[group], rtol=0.0, atol=1e-9 * scale):
-        return Split(float(np.var(means, ddof=1)), 0.0, 0.0, len(names))
+    if np.ptp(values - means[group]) < 1e-9 * scale:  # of which there is no likelihood
+        return Split(float(np.var(means, ddof=1)), 0.0, 0.0)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # a variance of 0 is on the boundary, and an answer
         model = mixed.MixedLM(values / scale, np.ones((len(values), 1)), groups=group)
         fitted = model.fit(reml=True, method="powell")  # slopes are singular at 0
     within = scale**2 * float(fitted.scale)
     rest = min(float(np.mean(errors**2)), within)
-    return Split(scale**2 * float(fitted.cov_re[0, 0]), within - rest, rest, len(names))
+    return Split(scale**2 * float(fitted.cov_re[0, 0]), within - rest, rest)

@@ -99,8 +99,8 @@ def fleet(units: int, joints: int, episodes: int = 3, parameters: int = 8) -> tu
                     ],
                     episodes=[
                         [
-                            *(estimate(n, v, 0.03, 1.0, 0.3) for n, v in zip(names, values)),
-                            *(cause.sizes[0] for cause in ()),
+                            estimate(name, value, 0.03, 1.0, 0.3)
+                            for name, value in zip(names, values)
                         ]
                         for values in each
                     ],
