@@ -19,7 +19,7 @@ def estimate(
     name: str, value: float, error: float | None, nominal: float = 0.0, prior: float | None = None
 ) -> Estimate:
     unit = "s" if name.endswith("time") else "rad" if name.endswith("half_width") else "kg.m2"
-    return Estimate(name, unit, nominal, prior, value, error)
+    return Estimate(name, unit, nominal, prior, float(value), error)
 
 
 def outcome(
