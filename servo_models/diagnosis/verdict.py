@@ -62,6 +62,9 @@ class Verdict:
     limit_cycle: float = 0.0
     locked: LockedTest = NOTHING_TESTED
 
+    def __str__(self) -> str:
+        return self.kind
+
 
 def _rank(chance: float, alone: float | None) -> tuple[float, float]:
     """Likeliest first; of those alike to a hundredth, such as two that are both sure, the one

@@ -29,10 +29,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Mark:
-    """A cell that judges: words, and True for passed, False for failed, None for neither."""
+    """A cell that judges: words, and True for passed, False for failed, None for neither.
+
+    On a page it is a ``link`` where that is given.
+    """
 
     text: str
     passed: bool | None = None
+    link: str = ""
 
 
 Cell = str | int | float | None | Quantity | Mark

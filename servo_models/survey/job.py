@@ -106,12 +106,15 @@ class Outcome(Document, frozen=True):
     joint: str
     conditions: dict[str, str]
     description: Annotated[str, about("File, as seen from the folder of the survey.")]
+    actuator: Annotated[str, about("Its name, or the path of its file.")]
+    variant: str
     failure: str
     seconds: Magnitude
     warnings: list[str]
     verdict: str
     sentence: str
     gap_before: Figure
+    gap_before_interval: Annotated[tuple[float, float] | None, about("Of 95 %.")]
     gap_after: Figure
     held_out: Annotated[Figure, about("RMS of what no fit has seen, largest of all logs.")]
     causes: list[Cause]
@@ -139,11 +142,14 @@ def run(job: Job) -> tuple[Outcome, bytes]:
     return (
         _outcome(
             job,
+            actuator=found.model.actuator.key,
+            variant=found.model.variant,
             seconds=time.perf_counter() - begin,
             warnings=[*warnings],
             verdict=found.verdict.kind,
             sentence=sentence(found),
             gap_before=found.gap.rms["before"],
+            gap_before_interval=found.gap.intervals["before"],
             gap_after=found.gap.rms["after"],
             held_out=max((log.after for log in found.held_out), default=None),
             causes=[
@@ -167,8 +173,9 @@ def failed(job: Job, why: str, seconds: float) -> Outcome:
 
 
 def _outcome(job: Job, **known: Any) -> Outcome:
-    unknown: dict[str, Any] = dict.fromkeys(("gap_before", "gap_after", "held_out"))
-    unknown |= dict.fromkeys(("failure", "verdict", "sentence"), "")
+    gaps = ("gap_before", "gap_before_interval", "gap_after", "held_out")
+    unknown: dict[str, Any] = dict.fromkeys(gaps)
+    unknown |= dict.fromkeys(("actuator", "variant", "failure", "verdict", "sentence"), "")
     unknown |= {"warnings": [], "causes": [], "explanations": [], "parameters": [], "episodes": []}
     return Outcome(
         schema_version=VERSION,

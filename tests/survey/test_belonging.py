@@ -1,0 +1,144 @@
+"""Whom causes belong to, on fleets with a known answer."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from servo_models.survey.belonging import BATCH, MODEL, SINGLE, UNIT, Belonging, belongings
+from servo_models.survey.job import Outcome
+from servo_models.survey.sections import words
+from tests.support.made_outcomes import estimate, fleet, outcome
+
+DELAY = {"transport_delay": (0.03, 0.001)}
+PLAY = {"backlash": (0.02, 0.001)}
+ZONE = {"dead_zone": (0.02, 0.001)}
+
+
+def told(found: Iterable[Belonging]) -> set[tuple[str, str, str, tuple[str, ...]]]:
+    return {(it.name, it.owner, it.whose, tuple(it.joints)) for it in found}
+
+
+def units(count: int, having: Iterable[int] = ()) -> list[Outcome]:
+    """One joint of each, some with a delay."""
+    return [outcome(f"{k}", "elbow", DELAY if k in {*having} else {}) for k in range(count)]
+
+
+def test_a_fleet_with_a_known_answer() -> None:
+    expected = {("transport_delay", MODEL, "", ()), ("dead_zone", BATCH, "firmware = 2.1", ())}
+    expected |= {("backlash", UNIT, f"unit {k:04}", ()) for k in (3, 20)}
+    assert told(belongings(fleet(30, 6))) == expected
+
+
+@given(st.permutations(range(36)))
+def test_the_order_of_jobs_says_nothing(order: list[int]) -> None:
+    jobs = fleet(6, 6, episodes=0, parameters=0)
+    assert told(belongings([jobs[k] for k in order])) == told(belongings(jobs))
+
+
+@pytest.mark.parametrize(("having", "owner"), [(11, MODEL), (7, MODEL), (6, SINGLE), (1, SINGLE)])
+def test_what_most_units_have_belongs_to_the_model(having: int, owner: str) -> None:
+    assert {it.owner for it in belongings(units(12, range(having)))} == {owner}
+
+
+def test_it_is_said_in_words() -> None:
+    (found,) = belongings(units(12, range(11)))
+    assert words(found) == "transport_delay belongs to the model: 30.00 ± 0.30 ms on 11 of 12 units"
+    (worn,) = belongings([outcome("7", f"j{k}", PLAY if k < 4 else {}) for k in range(6)])
+    assert words(worn) == "backlash belongs to unit 7: 1.146 ± 0.029 deg on 4 of 6 joints"
+
+
+def test_sizes_that_are_not_alike_are_a_range() -> None:
+    jobs = [outcome(f"{k}", "elbow", {"transport_delay": (0.01 * 3**k, 1e-3)}) for k in range(3)]
+    (found,) = belongings(jobs)
+    assert words(found).endswith("the model: 10 to 90 ms on 3 of 3 units")
+
+
+def test_one_unit_has_no_model_and_one_joint_no_unit() -> None:
+    assert told(belongings(units(1, [0]))) == {("transport_delay", SINGLE, "0", ("elbow",))}
+
+
+def test_a_cause_of_one_joint_of_all_units_belongs_to_the_model_of_that_joint() -> None:
+    jobs = [
+        outcome(f"{k}", joint, PLAY if joint == "wrist" else {})
+        for k in range(4)
+        for joint in ("base", "elbow", "wrist")
+    ]
+    assert told(belongings(jobs)) == {("backlash", MODEL, "", ("wrist",))}
+
+
+def test_a_failed_job_says_nothing() -> None:
+    jobs = [*units(3, range(2)), *(outcome(f"x{k}", "elbow", failure="no log") for k in range(9))]
+    (found,) = belongings(jobs)
+    assert (found.owner, found.asked) == (MODEL, 3)
+
+
+@pytest.mark.parametrize(("others", "owner"), [(0, BATCH), (1, BATCH), (2, SINGLE)])
+def test_a_batch_has_what_few_others_have(others: int, owner: str) -> None:
+    """Of 4 and 16 units, a tenth of which is 1.6."""
+    jobs = [
+        outcome(f"{k:02}", "elbow", DELAY if k < 4 + others else {}, firmware="2" if k < 4 else "1")
+        for k in range(20)
+    ]
+    assert belongings(jobs)[0].owner == owner
+
+
+def test_a_parameter_that_moved_on_most_units_belongs_to_the_model() -> None:
+    jobs = [
+        outcome(f"{k}", "elbow", parameters=[estimate("inertia", 3.0, 0.05, 1.0, 0.5)])
+        for k in range(3)
+    ]
+    near = [
+        outcome(f"{k}", "elbow", parameters=[estimate("inertia", 1.9, 0.05, 1.0, 0.5)])
+        for k in range(3)
+    ]
+    assert told(belongings(jobs)) == {("inertia", MODEL, "", ())}
+    assert not belongings(near)
+
+
+def test_jobs_that_leave_a_choice_are_explained_as_one() -> None:
+    """Weights of 0.6 and 0.4 have odds of 1.5 each, 1.5**8 = 25.6 together, beyond 19."""
+    weights = {("backlash",): 0.6, ("dead_zone",): 0.4}
+    jobs = [outcome(f"{k}", "elbow", PLAY if k % 2 else ZONE, weights) for k in range(8)]
+    (found,) = belongings(jobs)
+    assert (found.name, found.owner, len(found.places)) == ("backlash", MODEL, 8)
+    assert (found.single_set, found.fleet_set) == (2.0, [["backlash"]])
+    (few,) = belongings(jobs[:7])  # 17.1
+    assert few.fleet_set == [["backlash"], ["dead_zone"]]
+
+
+def test_causes_of_their_own_are_not_one_by_what_could_hardly_explain_them() -> None:
+    """An effect that is in every set with little weight."""
+    own = [{name: (0.02, 0.001)} for name in ("backlash", "dead_zone", "cogging", "end_stops")]
+    jobs = [
+        outcome(f"{k}", "elbow", one, {tuple(one): 0.9, ("lag",): 0.1}) for k, one in enumerate(own)
+    ]
+    assert {(it.name, it.owner) for it in belongings(jobs)} == {
+        (n, SINGLE) for it in own for n in it
+    }
+
+
+def test_what_is_left_beside_a_shared_cause_is_a_choice_of_its_own() -> None:
+    both = {("transport_delay", "backlash"): 0.7, ("transport_delay", "dead_zone"): 0.3}
+    jobs = [*units(5, range(4)), outcome("worn", "elbow", {**DELAY, **PLAY}, both)]
+    shared, worn = belongings(jobs)
+    assert (shared.name, len(shared.places), shared.fleet_set) == (
+        "transport_delay",
+        5,
+        [["transport_delay"]],
+    )
+    assert (worn.name, worn.whose, worn.single_set) == ("backlash", "worn", 2.0)
+
+
+def test_a_clean_fleet_with_some_false_alarms_blames_no_model() -> None:
+    random = np.random.default_rng(3)
+    jobs = [
+        outcome(f"{u}", f"j{j}", PLAY if random.random() < 0.05 else {}, firmware=f"{u % 3}")
+        for u in range(30)
+        for j in range(6)
+    ]
+    assert {it.owner for it in belongings(jobs)} == {SINGLE}

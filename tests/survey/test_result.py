@@ -1,0 +1,178 @@
+"""A survey as tables, documents, a parameter file and a page, of outcomes with a known answer."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+import servo_models as sm
+from servo_models.survey.job import Outcome
+from servo_models.survey.result import BETTER, GONE, NEW, OTHER, WORSE, Survey
+from servo_models.survey.sections import MOST_UNITS, SurveyDocument, grouped
+from tests.support.made_outcomes import estimate, fleet, outcome
+from tests.support.schemas import check_schema
+
+DELAY = {"transport_delay": (0.03, 0.001)}
+PLAY = {"backlash": (0.02, 0.001)}
+
+
+def survey(*outcomes: Outcome, **others: object) -> Survey:
+    return Survey("fleet", outcomes, **others)  # type: ignore[arg-type]
+
+
+def test_a_row_a_job() -> None:
+    found = survey(
+        outcome("1", "elbow", {**PLAY, **DELAY}, firmware="2", seconds="slow"),
+        outcome("1", "wrist", failure="no log"),
+    ).table()
+    assert found.columns[:4] == ["unit", "joint", "firmware", "condition seconds"]
+    first, second = found.rows(named=True)
+    assert first["causes"] == "backlash, transport_delay"
+    assert (first["size"], first["standard_error"], first["measure"]) == (0.02, 0.001, "rad")
+    assert (first["verdict"], first["condition seconds"], first["seconds"]) == (
+        "effects",
+        "slow",
+        5,
+    )
+    assert (second["verdict"], second["failure"], second["gap_before"]) == (
+        "failed",
+        "no log",
+        None,
+    )
+
+
+def test_a_row_a_value() -> None:
+    inertia = estimate("inertia", 2.0, 0.1, 1.0, 0.5)
+    found = survey(
+        outcome("1", "elbow", PLAY, parameters=[inertia], episodes=[[inertia]])
+    ).estimates()
+    assert found["name"].to_list() == ["inertia", "backlash.half_width", "inertia"]
+    assert found["episode"].to_list() == [None, None, "log_0.csv"]
+    assert found["held_out"].to_list() == [False, False, True]
+    assert found.row(0)[5:] == ("kg.m2", 1.0, 0.5, 2.0, 0.1)
+
+
+def test_the_mean_of_the_units_is_a_parameter_file(tmp_path: Path) -> None:
+    """Values 40, 42 and 44 with errors of 1 have a variance of 4: 3 between, 4 / 3 of the mean."""
+    found = survey(
+        *(
+            outcome(
+                f"{k}", "elbow", DELAY, parameters=[estimate("motor_gain", 40.0 + 2.0 * k, 1.0)]
+            )
+            for k in range(3)
+        ),
+        outcome("3", "elbow", PLAY),
+    ).common("elbow")
+    sm.write_parameters(found, tmp_path / "common.toml")
+    read = sm.read_parameters(tmp_path / "common.toml")
+    values = read.model().values
+    assert values["motor_gain"] == pytest.approx(42.0)
+    assert values["transport_delay.time"] == pytest.approx(0.03)
+    assert "backlash.half_width" not in read.settings()
+    assert read.estimates[0].standard_error == pytest.approx(np.sqrt(3.0 + 4.0 / 3.0))
+
+
+def test_no_mean_is_taken_of_two_actuators() -> None:
+    elbow, wrist = outcome("1", "elbow", DELAY), outcome("1", "wrist", DELAY)
+    wrist = msgspec.structs.replace(wrist, actuator="torque_motor")
+    with pytest.raises(sm.UserError, match=r"2 actuators .* elbow, wrist"):
+        survey(elbow, wrist).common()
+    with pytest.raises(sm.UserError, match="no log tells"):
+        survey(outcome("1", "elbow")).common()
+
+
+@pytest.mark.parametrize(
+    ("before", "now", "kind", "why"),
+    [
+        (None, outcome("1", "elbow"), NEW, "no-gap"),
+        (outcome("1", "elbow"), None, GONE, "no-gap"),
+        (outcome("1", "elbow"), outcome("1", "elbow", failure="x"), WORSE, "no-gap → failed"),
+        (outcome("1", "elbow", PLAY), outcome("1", "elbow"), BETTER, "effect → no-gap"),
+        (
+            outcome("1", "elbow", failure="x"),
+            outcome("1", "elbow", PLAY),
+            BETTER,
+            "failed → effect",
+        ),
+        (
+            *(outcome("1", "elbow", PLAY), outcome("1", "elbow", {**PLAY, **DELAY})),
+            *(WORSE, "backlash → backlash, transport_delay"),
+        ),
+        (outcome("1", "elbow", PLAY), outcome("1", "elbow", PLAY, gap=13), WORSE, "gap 10 → 13"),
+        (outcome("1", "elbow", PLAY, gap=13), outcome("1", "elbow", PLAY), BETTER, "gap 13 → 10"),
+        (
+            *(outcome("1", "elbow", PLAY), outcome("1", "elbow", DELAY, gap=11)),
+            *(OTHER, "backlash → transport_delay"),
+        ),
+        (outcome("1", "elbow", PLAY), outcome("1", "elbow", PLAY, gap=11), None, ""),
+        (outcome("1", "elbow", failure="x"), outcome("1", "elbow", failure="y"), None, ""),
+    ],
+)
+def test_what_changed(before: Outcome | None, now: Outcome | None, kind: str, why: str) -> None:
+    there = outcome("2", "elbow")  # else there is nothing to compare with
+    found = survey(*filter(None, (now, there)), earlier=tuple(filter(None, (before, there))))
+    assert [(it.kind, it.why) for it in found.differences] == ([(kind, why)] if kind else [])
+
+
+def test_the_document_keeps_to_its_schema() -> None:
+    jobs = fleet(4, 2)
+    found = survey(*jobs, outcome("x", "joint_1", failure="no log"), earlier=jobs[2:])
+    document = json.loads(found.to_json())
+    check_schema(document, SurveyDocument)
+    assert document["verdicts"]["failed"] == 1
+    assert {cause["owner"] for cause in document["causes"]} >= {"model", "unit"}
+
+
+def test_the_page_leads_to_the_reports_that_are_there(tmp_path: Path) -> None:
+    there, gone = outcome("1", "elbow", PLAY), outcome("2", "elbow", PLAY, gap=20.0)
+    (tmp_path / "reports").mkdir()
+    (tmp_path / "reports" / f"{there.key}.html").touch()
+    survey(there, gone, folder=tmp_path).write_report(tmp_path / "index.html")
+    text = (tmp_path / "index.html").read_text("utf-8")
+    assert f'<a href="reports/{there.key}.html">effect 10</a>' in text
+    assert gone.key not in text
+
+
+def test_the_worst_units_are_shown_first_and_the_rest_is_counted() -> None:
+    jobs = [outcome(f"{k}", "elbow", PLAY, gap=2.0 + k) for k in range(MOST_UNITS + 50)]
+    matrix = survey(*jobs, outcome("bad", "elbow", failure="no log")).report().sections[0]
+    assert [row[0] for row in matrix.tables[0].rows[:2]] == ["249", "248"]
+    assert len(matrix.tables[0].rows) == MOST_UNITS
+    assert f"The worst {MOST_UNITS} of {MOST_UNITS + 51}" in matrix.lead
+
+
+def test_many_joints_of_few_units_are_rows() -> None:
+    jobs = [outcome("robot", f"joint {k}", PLAY, gap=2.0 + k) for k in range(29)]
+    (table,) = survey(*jobs).report().sections[0].tables
+    assert table.columns == ("joint", "robot")
+    assert table.rows[0][0] == "joint 28"
+
+
+def test_one_reason_is_one_row() -> None:
+    """However many files have it."""
+    reasons = [(f"'log_{k}.csv' is no log: row {k}", f"unit {k}") for k in range(10_000)]
+    ((why, names), other) = grouped([*reasons, ("the disk is full", "unit x")])
+    assert (why, len(names)) == ("'log_0.csv' is no log: row 0", 10_000)
+    assert other == ("the disk is full", ["unit x"])
+
+
+def test_a_page_without_the_mixed_model_says_what_to_install(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setitem(sys.modules, "statsmodels", None)
+    monkeypatch.setitem(sys.modules, "statsmodels.regression.mixed_linear_model", None)
+    assert "pip install 'servo-models[survey]'" in str(survey(*fleet(3, 1)))
+
+
+def test_a_unit_that_stands_out_is_told() -> None:
+    jobs = [
+        outcome(f"{k:02}", "elbow", parameters=[estimate("inertia", 1.0 + 0.01 * k, 0.01)])
+        for k in range(12)
+    ]
+    odd = outcome("odd", "elbow", parameters=[estimate("inertia", 3.0, 0.01)])
+    assert "odd: inertia of elbow stands out" in str(survey(*jobs, odd))
