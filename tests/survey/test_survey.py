@@ -52,7 +52,7 @@ def test_broken_logs_are_rows_and_the_rest_finishes(tmp_path: Path, run: Run) ->
     assert code == 1
     table = pl.read_csv(tmp_path / "out" / "table.csv")
     assert table["verdict"].to_list() == ["failed", "failed", "failed", "effect"]
-    assert all("gone.csv" in text for text in table["failure"][:3])
+    assert all("logs[1].time: missing" in text for text in table["failure"][:3])
     assert table["causes"][3] == "drive_dead_zone"
     assert pl.read_parquet(tmp_path / "out" / "table.parquet")["key"].n_unique() == 4
 
@@ -78,7 +78,7 @@ def test_a_job_that_crashes_or_hangs_ends_alone(
     (fleet / "unit_1" / "joint.toml").write_text(text)
     found = survey(fleet, tmp_path / "out", jobs=1, reports=False, time_limit=1.0)
     first, second = found.outcomes
-    assert "gone.csv" in first.failure
+    assert "logs[1].time: missing" in first.failure
     assert says in second.failure
 
 
