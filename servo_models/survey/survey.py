@@ -64,8 +64,9 @@ def survey(
 
     Example:
         >>> import servo_models as sm
-        >>> fleet = sm.survey("fleet", jobs=2)
-        >>> fleet.table().filter(verdict="effect")["causes"]
+        >>> fleet = sm.survey(".", out="found", jobs=2)
+        >>> fleet.table().filter(verdict="effect")["causes"].to_list()
+        ['drive_dead_zone']
     """
     root = Path(path)
     folder = Path(out) if out else root.parent / f"{root.stem or root.resolve().name}_survey"
