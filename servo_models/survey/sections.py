@@ -41,13 +41,14 @@ if TYPE_CHECKING:
 
 DISPLAY = {"s": "ms", "rad": "deg", "rad/s": "deg/s", "m": "mm", "m/s": "mm/s"}
 """Units in which people read what is in SI."""
-MOST_UNITS = 200  # rows of the matrix
+MOST_UNITS = 200  # rows of the matrix,
+OPEN_UNITS = 20  # of which so many are not behind a click
 MOST_JOINTS = 12  # columns of the matrix, above which they become rows, if they are the more
 MOST_WORST = 10  # rows
 MOST_ITEMS = 20  # sentences of a kind
 MOST_PICTURES = 4
 MOST_DRAWN = 12  # units of a picture
-MOST_CHANGES = 50  # rows
+MOST_CHANGES = 20  # rows
 MOST_NAMES = 3  # examples of a reason
 ALIKE_SHARE = 0.5  # variation of sizes over their mean, up to which they are alike
 NORMAL_95 = 1.96  # standard errors of an interval of 95 %
@@ -140,10 +141,15 @@ def _matrix(survey: Survey) -> Section:
 
     shown = tuple((row, *(cell(row, it) for it in columns)) for row in rows[:MOST_UNITS])
     more = f" of {len(rows)}, all are in the table" if len(rows) > len(shown) else ""
+    headings = ("joint" if turned else "unit", *columns)
+    others = shown[OPEN_UNITS:]
     return Section(
         "Verdicts",
         f"Each with the gap of its model [noise floors]. The worst {len(shown)}{more}.",
-        tables=(Table("", ("joint" if turned else "unit", *columns), shown),),
+        tables=(
+            Table("", headings, shown[:OPEN_UNITS]),
+            Table(f"The next {len(others)}", headings, others, folded=True),
+        ),
     )
 
 
@@ -264,8 +270,8 @@ def _values(survey: Survey) -> Section:
         "mean",
         "between",
         "units",
-        "unit",
-        "episode",
+        "unit share",
+        "episode share",
         "rest",
     )
     most = f" The {len(chosen)} of {len(survey.variations)} that vary most." * (far != chosen)

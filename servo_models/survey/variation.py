@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Sequence
 
@@ -30,10 +31,10 @@ def told(estimate: Estimate) -> tuple[float, float] | None:
     """
     error, prior = estimate.standard_error, estimate.prior
     share = (error / prior) ** 2 if error and prior else 0.0
-    if not error or not np.isfinite(error) or share > TOLD_PRIORS**2:
+    if not error or not math.isfinite(error) or share > TOLD_PRIORS**2:
         return None
     pulled = (estimate.value - estimate.nominal) * share / (1.0 - share)
-    return estimate.value + pulled, error / float(np.sqrt(1.0 - share))
+    return estimate.value + pulled, error / math.sqrt(1.0 - share)
 
 
 class Pooled(Document, frozen=True):
@@ -48,7 +49,7 @@ class Pooled(Document, frozen=True):
     @property
     def spread(self) -> float:
         """Standard error of the mean as that of one more: how it varies, and the error."""
-        return float(np.hypot(self.between, self.error))
+        return math.hypot(self.between, self.error)
 
 
 def pooled(values: Array, errors: Array) -> Pooled:
@@ -76,7 +77,7 @@ def pooled(values: Array, errors: Array) -> Pooled:
         variance = brentq(excess, 0.0, float(np.var(values, ddof=1)))
     weights = 1.0 / (errors**2 + variance)
     mean = float(weights @ values / weights.sum())
-    return Pooled(mean, float(weights.sum() ** -0.5), float(np.sqrt(variance)), len(values))
+    return Pooled(mean, float(weights.sum() ** -0.5), math.sqrt(variance), len(values))
 
 
 def outlying(values: Array, errors: Array) -> tuple[Pooled, list[int]]:

@@ -141,14 +141,15 @@ def test_the_page_leads_to_the_reports_that_are_there(tmp_path: Path) -> None:
 def test_the_worst_units_are_shown_first_and_the_rest_is_counted() -> None:
     jobs = [outcome(f"{k}", "elbow", PLAY, gap=2.0 + k) for k in range(MOST_UNITS + 50)]
     matrix = survey(*jobs, outcome("bad", "elbow", failure="no log")).report().sections[0]
-    assert [row[0] for row in matrix.tables[0].rows[:2]] == ["249", "248"]
-    assert len(matrix.tables[0].rows) == MOST_UNITS
+    rows = [row for table in matrix.tables for row in table.rows]
+    assert [row[0] for row in rows[:2]] == ["249", "248"]
+    assert len(rows) == MOST_UNITS
     assert f"The worst {MOST_UNITS} of {MOST_UNITS + 51}" in matrix.lead
 
 
 def test_many_joints_of_few_units_are_rows() -> None:
     jobs = [outcome("robot", f"joint {k}", PLAY, gap=2.0 + k) for k in range(29)]
-    (table,) = survey(*jobs).report().sections[0].tables
+    table, _ = survey(*jobs).report().sections[0].tables
     assert table.columns == ("joint", "robot")
     assert table.rows[0][0] == "joint 28"
 
