@@ -15,6 +15,7 @@ from __future__ import annotations
 import argparse
 import ast
 import json
+import os
 import random
 import shutil
 import subprocess
@@ -145,6 +146,7 @@ def seen_by(fault: Fault, copy: Path) -> str:
             [*words, *fault.tests],
             check=False,
             cwd=copy,
+            env={**os.environ, "PYTHONPATH": str(copy)},  # for processes that tests start elsewhere
             capture_output=True,
             text=True,
             timeout=LONGEST,
