@@ -199,6 +199,17 @@ def test_tables_are_frames_of_numbers(found: Diagnosis) -> None:
     assert effects["effect"].to_list() == [effect.name for effect in found.ranking]
 
 
+def test_fitted_models_stand_with_those_of_as_many_effects(found: Diagnosis) -> None:
+    one, *others = found.selection.of_size(1)[:3]
+    first, second, third = (it.effects[0] for it in (one, *others))
+    further = [replace(one, effects=(first, second)), replace(one, effects=(first, second, third))]
+    tried = [*found.selection.tried, *further]
+    tables = replace(found, selection=replace(found.selection, tried=tried)).tables()
+    assert tables["Pairs of effects"]["effects"].to_list() == [f"{first} and {second}"]
+    more = tables["More effects together"]["effects"].to_list()
+    assert more == [f"{first}, {second} and {third}"]
+
+
 def test_verdict_names_the_effect(text: str) -> None:
     assert _heading(text).startswith("transport_delay on")
     assert "explains the gap" in _heading(text)

@@ -325,6 +325,8 @@ def test_what_is_not_measured_is_that_of_the_variant(tmp_path: Path) -> None:
     chosen = result.synthesis.choices[0]
     assert (chosen.setting.k_f, chosen.relative_error) == (0.18, 0.0)
     assert 100.0 * chosen.setting.overshoot == pytest.approx(4.84, abs=0.01)
+    tried = [row.k_f for row in result.synthesis.rows]
+    assert (min(tried), max(tried)) == pytest.approx((0.18 / 4.0, 0.18 * 2.0))
     assert set(result.parameters) == {"gear_ratio", "feedback_coefficient"}
     assert any("amplifier_gain" in note for note in result.notes)
 
