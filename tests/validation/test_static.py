@@ -10,6 +10,7 @@ import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
+import fmpy
 import pytest
 
 from servo_models.build import build
@@ -251,6 +252,25 @@ def test_the_command_says_what_it_cannot_see(tmp_path: Path, run: Run) -> None:
     assert "Nothing was loaded or run" in page.read_text()
     code, _, err = run("validate", path, "--static-only", "--reference", path)
     assert (code, "runs nothing" in err) == (2, True)
+
+
+@pytest.mark.parametrize(
+    ("library", "kind", "system"),
+    [
+        ("linux64/logging.so", "ELF", "libc.so.6"),
+        ("win64/logging.dll", "PE", "KERNEL32.dll"),
+        ("darwin64/logging.dylib", "Mach-O", "/usr/lib/libSystem.B.dylib"),
+    ],
+)
+def test_a_library_is_read_for_any_system(library: str, kind: str, system: str) -> None:
+    """FMPy has one of a single function, built by the tools of each system."""
+    content = (Path(fmpy.__file__).parent / "logging" / library).read_bytes()
+    machines = set()
+    for part in slices(content) if is_universal(content) else [content]:
+        found = read_binary(part)
+        assert (found.kind, found.exports, found.needs) == (kind, {"addLoggerProxy"}, {system})
+        machines.add(found.machine)
+    assert machines == ({"x86_64", "aarch64"} if kind == "Mach-O" else {"x86_64"})
 
 
 def test_bytes_that_are_no_library_raise_value_error(tmp_path: Path) -> None:
