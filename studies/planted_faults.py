@@ -43,7 +43,7 @@ OTHER: dict[type[ast.AST], Any] = {
 TESTS = {
     "actuators": ("actuators", "effects"),
     "build.py": ("fmu",),
-    "cli": ("cli", "data", "diagnosis", "identification"),
+    "cli": ("cli", "analysis", "data", "diagnosis", "identification", "simulators", "validation"),
     "fmu_src": ("fmu",),
     "units.py": ("test_units.py",),
 }
