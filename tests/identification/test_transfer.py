@@ -329,6 +329,8 @@ def test_an_undamped_function_is_not_chosen_however_well_it_fits() -> None:
     assert perfect.bic < found.chosen.bic - 100.0
     assert perfect.reason.startswith("undamped")
     assert f"'order 2' fits better than '{found.chosen.name}', but" in found.warnings[0]
+    white = dict(found.tables()["Candidates"].select("structure", "white").iter_rows())
+    assert (white["order 1"], white["order 2"]) == ("no", "yes")  # the motion, and the noise
 
 
 def test_poles_are_judged_by_damping_and_by_the_length_of_the_record() -> None:
