@@ -47,12 +47,12 @@ LAG = Actuator(
 )
 
 
-def exact() -> Array:
+def exact(tau: float = TAU) -> Array:
     """The solution of the lag between two steps of its input is an exponential."""
     level, found = 0.0, []
     for u in COMMAND:
         found.append(level)
-        level = u + (level - u) * np.exp(-INTERVAL / TAU)
+        level = u + (level - u) * np.exp(-INTERVAL / tau)
     return np.array(found)
 
 
@@ -165,6 +165,17 @@ def test_a_search_stops_what_is_stiff_and_not_a_firmware_that_ticks_often() -> N
     assert np.all(np.isfinite(prepared(chosen, log).outputs(stiff)))
     with pytest.raises(UserError, match="too many sub-steps"):
         run.outputs(stiff)
+
+
+def test_a_run_that_grows_without_bound_has_a_finite_cost() -> None:
+    tau = -0.05  # s, which makes 1e173 of 1
+    log = log_of(TIMES, {"u": COMMAND}, {"level": exact()})
+    errors = Problem(model(LAG), [log], [], {"level": 1.0}).errors_with({"tau": tau})
+    grown = exact(tau) - exact()
+    near = np.abs(grown) < 1e100
+    np.testing.assert_allclose(errors[near], grown[near], rtol=1e-3)
+    assert np.ptp(grown) > 1e160
+    assert np.isfinite(errors @ errors)
 
 
 @pytest.mark.parametrize("name", ["sg90", "smart_servo", "second_order_servo"])
