@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from servo_models.core.types import Array
 from servo_models.errors import UserError
 from servo_models.validation.any_fmu.comparison import Compared, Trace, allowed, compare
-from servo_models.validation.any_fmu.experiment import Against
+from servo_models.validation.any_fmu.experiment import Against, Experiment
 from servo_models.validation.any_fmu.reference_check import ReferenceCheck, check_against
 from servo_models.validation.host_process import LIMITS, Limits
 from servo_models.validation.runner import validate
@@ -307,6 +307,15 @@ def test_times_may_be_rounded(tmp_path: Path) -> None:
         path.write_text("\n".join([header, *lines]))
     result = check_against(one.write(tmp_path), Against(inputs, reference), LIMITS)
     assert all(row.passed for row in result.rows)
+
+
+@pytest.mark.parametrize(
+    ("step", "times"),
+    [(0.5, [2.0, 2.5, 3.0, 3.5, 4.0]), (0.8, [2.0, 2.8, 3.6, 4.0])],
+)
+def test_a_run_is_stepped_from_its_own_start_to_its_end(step: float, times: list[float]) -> None:
+    run = Experiment("ref.csv", {"y": Trace(np.array([2.0, 4.0]), np.zeros(2))}, step=step)
+    np.testing.assert_allclose(run.times(any_step=True), times)
 
 
 def test_inputs_have_to_reach_the_start(ground: Path) -> None:
