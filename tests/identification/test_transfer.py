@@ -319,6 +319,8 @@ def test_a_first_order_record_is_given_a_first_order_function() -> None:
     assert found.chosen.name == "order 1"
     assert np.all(np.abs(deviations(found.chosen, [633.3, 1.307])) < 4.0)
     assert found.constants is None
+    reasons = {c.name: c.reason for c in found.candidates}
+    assert reasons["order 2"] == "no better than 'order 1', with one coefficient more"
 
 
 def test_an_undamped_function_is_not_chosen_however_well_it_fits() -> None:
