@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -397,3 +398,11 @@ def test_a_chirp_ends_at_the_frequency_that_it_says() -> None:
     values = Command("chirp", 0.0, 1.0, 0.02, 0).values(times)
     crossings = times[1:][np.diff(np.sign(values)) != 0.0]
     assert 2.0 * (crossings[-1] - crossings[-2]) == pytest.approx(0.02, rel=0.05)
+
+
+def test_a_ladder_grows_from_the_step_that_it_says() -> None:
+    command = Command("ladder", 5.0, 2.0, 0.01, 0)
+    steps = np.abs(command.values(0.005 + 0.01 * np.arange(400.0)) - 5.0)
+    text = command.text(nominal().plant.wire["voltage"], 4.0)
+    told = [float(step) for step in re.findall(r"(?:from|to) ([\d.]+) V", text)]
+    assert told == pytest.approx([5.0, steps[steps > 0.0].min(), steps.max()], rel=0.02)
