@@ -70,6 +70,9 @@ outputs.angle = { column = "angle", unit = "deg" }
 """
 
 
+UNITS = 12  # of a survey
+
+
 class Command(NamedTuple):
     """A command line and what it writes; ``cold`` ones begin with an empty cache."""
 
@@ -108,6 +111,10 @@ COMMANDS = {
     "blind": Command(
         ("blind", "--cases", "2", "--seed", "3", "--folder", "runs", "--json", "b.json"),
         ("b.json",),
+    ),
+    "survey": Command(
+        ("survey", "fleet", "--no-reports", "--jobs", "1", "--out", "found"),
+        ("found/survey.json", "found/index.html"),
     ),
 }
 
@@ -228,6 +235,9 @@ def prepare(folder: Path) -> None:
 
     write_log(folder / "log.csv")
     (folder / "rig.toml").write_text(DESCRIPTION)
+    for unit in range(UNITS):  # which fail at once, and are kept like any other
+        (folder / "fleet" / str(unit)).mkdir(parents=True)
+        (folder / "fleet" / str(unit) / "joint.toml").write_text(DESCRIPTION)
     (folder / "joint.py").write_text(SOURCE)
     (folder / "joint.toml").write_text(PARAMETERS)
     build(model("torque_motor"), folder / "valid.fmu")
@@ -265,10 +275,11 @@ class Bench:
         place = self.place()
         over = over and self.command.replaces
         for name in self.command.outputs if over else ():
+            (place.work / name).parent.mkdir(exist_ok=True)
             (place.work / name).write_bytes(OLD)
         killed = run(self.command.words, place, at, delay)
         if killed.code >= 0:  # it was done before its time had come
-            return "" if killed.code == self.expected.code else f"ended with {killed.code}"
+            return "" if killed.code == self.expected.code else f"ended with {killed.code}: {killed.said[-300:]}"
         self.killed += 1
         before: tuple[object, ...] = (OLD,) if over else (None,)
         try:
