@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -9,7 +10,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
-import msgspec
 import numpy as np
 
 from servo_models.core.types import Array
@@ -17,6 +17,7 @@ from servo_models.data.parameters import Estimate as Given
 from servo_models.data.parameters import ParameterSet
 from servo_models.diagnosis.verdict import NO_GAP
 from servo_models.errors import UserError
+from servo_models.files import read_regular
 from servo_models.report.document import Document, Figure, about, choice
 from servo_models.report.numbers import ARROW, number, plural
 from servo_models.report.result import Result
@@ -177,8 +178,13 @@ class Survey(Result):
         return pl.DataFrame([*rows], {**texts, "held_out": bool, **names, **floats}, orient="row")
 
     def diagnosis(self, unit: str, joint: str) -> Any:
-        """Return a diagnosis as of ``servo-models diagnose --json``, None where the job failed."""
-        return msgspec.json.decode(self.by_place[unit, joint].diagnosis)
+        """Return a diagnosis as of ``servo-models diagnose --json``, None where the job failed.
+
+        Raises:
+            UserError: its file is gone.
+        """
+        file = self.folder / "jobs" / f"{self.by_place[unit, joint].key}.json"
+        return json.loads(read_regular(file))["diagnosis"]
 
     def common(self, joint: str | None = None) -> ParameterSet:
         """Return nominal parameters that fit all units, with the effects that belong to the model.

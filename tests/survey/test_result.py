@@ -119,8 +119,15 @@ def test_what_changed(before: Outcome | None, now: Outcome | None, kind: str, wh
     assert [(it.kind, it.why) for it in found.differences] == ([(kind, why)] if kind else [])
 
 
+def test_each_diagnosis_is_read_from_its_file(tmp_path: Path) -> None:
+    job = outcome("1", "elbow", PLAY)
+    (tmp_path / "jobs").mkdir()
+    (tmp_path / "jobs" / f"{job.key}.json").write_text('{"diagnosis": {"verdict": "effect"}}')
+    assert survey(job, folder=tmp_path).diagnosis("1", "elbow") == {"verdict": "effect"}
+
+
 def test_the_document_keeps_to_its_schema() -> None:
-    jobs = fleet(4, 2)
+    jobs = tuple(fleet(4, 2))
     found = survey(*jobs, outcome("x", "joint_1", failure="no log"), earlier=jobs[2:])
     document = json.loads(found.to_json())
     check_schema(document, SurveyDocument)
