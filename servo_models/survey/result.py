@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -53,7 +53,7 @@ class Variation(Document, frozen=True):
     nominal: float
     prior: Figure
     common: Annotated[Pooled, about("Of the units that do not stand out.")]
-    outliers: Annotated[Sequence[str], about("Units that stand out.")]
+    outliers: Annotated[dict[str, float], about("Values that stand out, by unit.")]
 
     @property
     def size(self) -> float:
@@ -290,8 +290,9 @@ def variation(joint: str, values: Iterable[Value]) -> Variation | None:
     whole = [value for value in values if value.episode is None]
     if not whole:
         return None
-    common, far = outlying(*told_arrays(whole))
-    first, outliers = whole[0].estimate, [whole[k].unit for k in far]
+    known, errors = told_arrays(whole)
+    common, far = outlying(known, errors)
+    first, outliers = whole[0].estimate, {whole[k].unit: float(known[k]) for k in far}
     return Variation(joint, first.name, first.unit, first.nominal, first.prior, common, outliers)
 
 

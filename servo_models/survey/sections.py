@@ -274,8 +274,9 @@ def _values(survey: Survey) -> Section:
 
 def _outliers(it: Variation) -> str:
     others = quantity(it.common.mean, it.measure, it.common.spread)
-    units = f"{listed(it.outliers[:MOST_NAMES])}{''.join(_more(it.outliers, MOST_NAMES))}"
-    return f"{units}: {it.name} of {it.joint} stands out, the others have {others}"
+    units = [f"{unit} ({quantity(value, it.measure)})" for unit, value in it.outliers.items()]
+    told = ", ".join([*units[:MOST_NAMES], *_more(units, MOST_NAMES)])
+    return f"{it.name} of {it.joint} stands out on {told}; the others have {others}"
 
 
 def _picture(survey: Survey, it: Variation) -> Picture:

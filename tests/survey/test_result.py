@@ -183,4 +183,6 @@ def test_a_unit_that_stands_out_is_told() -> None:
         for k in range(12)
     ]
     odd = outcome("odd", "elbow", parameters=[estimate("inertia", 3.0, 0.01)])
-    assert "odd: inertia of elbow stands out" in str(survey(*jobs, odd))
+    assert "inertia of elbow stands out on odd (3 kg.m2); the others have 1.05" in str(
+        survey(*jobs, odd)
+    )
