@@ -5,7 +5,6 @@ Run: ``python -m benchmarks.bench_survey_page`` (a minute, POSIX).
 
 from __future__ import annotations
 
-import resource
 import sys
 import time
 from collections.abc import Callable
@@ -59,6 +58,8 @@ def _read(made: Outcome) -> Outcome:
 
 def _megabytes() -> float:
     """Largest memory so far."""
+    import resource
+
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak / (2**20 if sys.platform == "darwin" else 2**10)
 

@@ -223,7 +223,7 @@ def _more(every: Sequence[object], shown: int) -> list[str]:
 def _changes(survey: Survey) -> Section:
     passed = {WORSE: False, BETTER: True}
     kinds = Counter(it.kind for it in survey.differences)
-    told = [", ".join(f"{count} {kind}" for kind, count in kinds.items())] if kinds else []
+    told = ", ".join(f"{count} {kind}" for kind, count in kinds.items()) or "nothing changed"
     rows = (
         (Mark(it.kind, passed.get(it.kind)), it.unit, it.joint, it.why)
         for it in survey.differences[:MOST_CHANGES]
@@ -232,7 +232,7 @@ def _changes(survey: Survey) -> Section:
         "Since before",
         "Worse: it failed and did not; a gap, where there was none; a cause more; the interval of"
         " the gap is above the earlier one. Better is the reverse.",
-        (*told, *_more(survey.differences, MOST_CHANGES)),
+        (told, *_more(survey.differences, MOST_CHANGES)) if survey.earlier else (),
         tables=(Table("", ("change", "unit", "joint", "why"), tuple(rows)),),
     )
 

@@ -119,6 +119,12 @@ def test_what_changed(before: Outcome | None, now: Outcome | None, kind: str, wh
     assert [(it.kind, it.why) for it in found.differences] == ([(kind, why)] if kind else [])
 
 
+def test_an_equal_survey_says_that_nothing_changed() -> None:
+    jobs = tuple(fleet(2, 2))
+    assert "nothing changed" in str(survey(*jobs, earlier=jobs))
+    assert "Since before" not in str(survey(*jobs))
+
+
 def test_each_diagnosis_is_read_from_its_file(tmp_path: Path) -> None:
     job = outcome("1", "elbow", PLAY)
     (tmp_path / "jobs").mkdir()
