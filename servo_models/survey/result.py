@@ -202,7 +202,7 @@ class Survey(Result):
             ``sm.write_parameters(survey.common("elbow"), "elbow.toml")``
         """
         chosen = [it for it in self.outcomes if not it.failure and joint in (None, it.joint)]
-        of = {(it.actuator, it.variant) for it in chosen}
+        of = {(Path(it.actuator).name, it.variant) for it in chosen}  # each unit may have a copy
         if len(of) != 1:
             joints = ", ".join(sorted({it.joint for it in self.outcomes if not it.failure}))
             raise UserError(f"{len(of)} actuators to take a mean of: name a joint of {joints}")
@@ -219,13 +219,13 @@ class Survey(Result):
                 raw = [value.estimate.value for value in values]
                 # what the prior held back may lie out of bounds, which estimates keep
                 kept = float(np.clip(mean.common.mean, min(raw), max(raw)))
-                origin = f"mean of {mean.common.count}"
+                origin = f"mean of {plural(mean.common.count, 'unit' if joint else 'joint')}"
                 estimates.append(Given(mean.name, kept, mean.common.spread, origin))
         if not estimates:
             raise UserError("no log tells a parameter: there is no mean to take")
         units = plural(len({it.unit for it in chosen}), "unit")
         method = f"survey {self.name}, mean of {units}"
-        return ParameterSet(*of.pop(), tuple(estimates), method=method)
+        return ParameterSet(chosen[0].actuator, chosen[0].variant, tuple(estimates), method=method)
 
 
 def verdict(outcome: Outcome) -> str:

@@ -79,6 +79,8 @@ def test_the_mean_of_the_units_is_a_parameter_file(tmp_path: Path) -> None:
 
 def test_no_mean_is_taken_of_two_actuators() -> None:
     elbow, wrist = outcome("1", "elbow", DELAY), outcome("1", "wrist", DELAY)
+    copies = [msgspec.structs.replace(elbow, actuator=f"{u}/mine.py", unit=u) for u in "ab"]
+    assert survey(*copies).common().actuator == "a/mine.py"
     wrist = msgspec.structs.replace(wrist, actuator="torque_motor")
     with pytest.raises(sm.UserError, match=r"2 actuators .* elbow, wrist"):
         survey(elbow, wrist).common()
