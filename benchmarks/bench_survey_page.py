@@ -5,7 +5,6 @@ Run: ``python -m benchmarks.bench_survey_page`` (a minute, POSIX).
 
 from __future__ import annotations
 
-import resource
 import sys
 import time
 from collections.abc import Callable
@@ -26,7 +25,7 @@ def main() -> None:
     """Print a row a step, then the sum of all with the largest memory of the process."""
     made = tuple(map(_read, fleet(UNITS, JOINTS)))
     survey = Survey("fleet", made, earlier=made[JOINTS:])
-    print(f"{len(made)} jobs, {len(survey.estimates())} values; before: {_megabytes():.0f} MB")
+    print(f"{len(made)} jobs; before: {_megabytes():.0f} MB")
     with scratch() as folder:
         steps: dict[str, Callable[[], object]] = {
             "table": lambda: survey.table().write_csv(folder / "table.csv"),
@@ -59,9 +58,24 @@ def _read(made: Outcome) -> Outcome:
 
 def _megabytes() -> float:
     """Largest memory so far."""
+    import resource
+
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak / (2**20 if sys.platform == "darwin" else 2**10)
 
 
 if __name__ == "__main__":
     main()
+
+# Result: two cores with other work on them, CPython 3.11.
+#
+# 10200 jobs; before: 690 MB
+# table              0.9 s
+# estimates          3.2 s
+# whose causes       3.3 s
+# variations         8.4 s
+# mixed models      14.4 s
+# page               8.0 s
+# document           0.2 s
+# terminal           0.9 s
+# in all            39.3 s of 60     843 MB of 1024; page 0.17 MB

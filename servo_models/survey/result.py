@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
-import msgspec
 import numpy as np
 
 from servo_models.core.types import Array
@@ -17,6 +17,7 @@ from servo_models.data.parameters import Estimate as Given
 from servo_models.data.parameters import ParameterSet
 from servo_models.diagnosis.verdict import NO_GAP
 from servo_models.errors import UserError
+from servo_models.files import read_regular
 from servo_models.report.document import Document, Figure, about, choice
 from servo_models.report.numbers import ARROW, number, plural
 from servo_models.report.result import Result
@@ -52,7 +53,7 @@ class Variation(Document, frozen=True):
     nominal: float
     prior: Figure
     common: Annotated[Pooled, about("Of the units that do not stand out.")]
-    outliers: Annotated[Sequence[str], about("Units that stand out.")]
+    outliers: Annotated[dict[str, float], about("Values that stand out, by unit.")]
 
     @property
     def size(self) -> float:
@@ -177,8 +178,13 @@ class Survey(Result):
         return pl.DataFrame([*rows], {**texts, "held_out": bool, **names, **floats}, orient="row")
 
     def diagnosis(self, unit: str, joint: str) -> Any:
-        """Return a diagnosis as of ``servo-models diagnose --json``, None where the job failed."""
-        return msgspec.json.decode(self.by_place[unit, joint].diagnosis)
+        """Return a diagnosis as of ``servo-models diagnose --json``, None where the job failed.
+
+        Raises:
+            UserError: its file is gone.
+        """
+        file = self.folder / "jobs" / f"{self.by_place[unit, joint].key}.json"
+        return json.loads(read_regular(file))["diagnosis"]
 
     def common(self, joint: str | None = None) -> ParameterSet:
         """Return nominal parameters that fit all units, with the effects that belong to the model.
@@ -196,7 +202,7 @@ class Survey(Result):
             ``sm.write_parameters(survey.common("elbow"), "elbow.toml")``
         """
         chosen = [it for it in self.outcomes if not it.failure and joint in (None, it.joint)]
-        of = {(it.actuator, it.variant) for it in chosen}
+        of = {(Path(it.actuator).name, it.variant) for it in chosen}  # each unit may have a copy
         if len(of) != 1:
             joints = ", ".join(sorted({it.joint for it in self.outcomes if not it.failure}))
             raise UserError(f"{len(of)} actuators to take a mean of: name a joint of {joints}")
@@ -213,13 +219,13 @@ class Survey(Result):
                 raw = [value.estimate.value for value in values]
                 # what the prior held back may lie out of bounds, which estimates keep
                 kept = float(np.clip(mean.common.mean, min(raw), max(raw)))
-                origin = f"mean of {mean.common.count}"
+                origin = f"mean of {plural(mean.common.count, 'unit' if joint else 'joint')}"
                 estimates.append(Given(mean.name, kept, mean.common.spread, origin))
         if not estimates:
             raise UserError("no log tells a parameter: there is no mean to take")
         units = plural(len({it.unit for it in chosen}), "unit")
         method = f"survey {self.name}, mean of {units}"
-        return ParameterSet(*of.pop(), tuple(estimates), method=method)
+        return ParameterSet(chosen[0].actuator, chosen[0].variant, tuple(estimates), method=method)
 
 
 def verdict(outcome: Outcome) -> str:
@@ -284,8 +290,9 @@ def variation(joint: str, values: Iterable[Value]) -> Variation | None:
     whole = [value for value in values if value.episode is None]
     if not whole:
         return None
-    common, far = outlying(*told_arrays(whole))
-    first, outliers = whole[0].estimate, [whole[k].unit for k in far]
+    known, errors = told_arrays(whole)
+    common, far = outlying(known, errors)
+    first, outliers = whole[0].estimate, {whole[k].unit: float(known[k]) for k in far}
     return Variation(joint, first.name, first.unit, first.nominal, first.prior, common, outliers)
 
 

@@ -56,6 +56,7 @@ ROW = 0.42  # height of a unit in a picture [inch]
 WORST, WHOSE, LEFT_OUT = "The worst", "Whom causes belong to", "Failed and left out"
 SPECIFIC = re.compile(r"'([^']*)'|\d+(?:\.\d+)?")
 """What differs between reports of one reason."""
+SHARES = ("unit share", "episode share", "rest")
 
 
 @report_of.register(Survey)
@@ -94,8 +95,7 @@ def _cards(survey: Survey) -> Iterator[Card]:
         yield Card("worst", f"{worst.unit}, {worst.joint}: {said}, {gap}", section=WORST)
     shared = [it for it in survey.belongings if it.owner != SINGLE]
     if shared:
-        more = [f"and {len(shared) - MOST_NAMES} more"] if len(shared) > MOST_NAMES else []
-        lines = [*map(words, shared[:MOST_NAMES]), *more]
+        lines = [*map(words, shared[:MOST_NAMES]), *_more(shared, MOST_NAMES)]
         yield Card("shared causes", "\n".join(lines), section=WHOSE)
 
 
@@ -130,10 +130,11 @@ def _mark(survey: Survey, outcome: Outcome) -> Mark:
 def _matrix(survey: Survey) -> Section:
     """Verdicts by joint and unit, the worst first."""
     units, joints = (
-        [*dict.fromkeys(getattr(it, key) for it in survey.worst)] for key in ("unit", "joint")
+        [*dict.fromkeys(getattr(it, key) for it in survey.outcomes)] for key in ("unit", "joint")
     )
     turned = len(joints) > max(MOST_JOINTS, len(units))
-    rows, columns = (joints, sorted(units)) if turned else (units, sorted(joints))
+    columns = units if turned else joints
+    rows = [*dict.fromkeys(it.joint if turned else it.unit for it in survey.worst)]
 
     def cell(row: str, column: str) -> Cell:
         found = survey.by_place.get((column, row) if turned else (row, column))
@@ -162,10 +163,7 @@ def _worst(survey: Survey) -> Table:
                 for cause in causes(it)
             ),
             percent(causes(it)[0].probability) if causes(it) else "",
-            *(
-                None if gap is None else Quantity(gap, digits=3)
-                for gap in (it.gap_after, it.held_out)
-            ),
+            *(it.gap_after, it.held_out),
         )
         for it in survey.worst[:MOST_WORST]
         if badness(it)[0]
@@ -224,6 +222,8 @@ def _more(every: Sequence[object], shown: int) -> list[str]:
 
 def _changes(survey: Survey) -> Section:
     passed = {WORSE: False, BETTER: True}
+    kinds = Counter(it.kind for it in survey.differences)
+    told = ", ".join(f"{count} {kind}" for kind, count in kinds.items()) or "nothing changed"
     rows = (
         (Mark(it.kind, passed.get(it.kind)), it.unit, it.joint, it.why)
         for it in survey.differences[:MOST_CHANGES]
@@ -232,14 +232,9 @@ def _changes(survey: Survey) -> Section:
         "Since before",
         "Worse: it failed and did not; a gap, where there was none; a cause more; the interval of"
         " the gap is above the earlier one. Better is the reverse.",
-        (*_count(survey.differences), *_more(survey.differences, MOST_CHANGES)),
+        (told, *_more(survey.differences, MOST_CHANGES)) if survey.earlier else (),
         tables=(Table("", ("change", "unit", "joint", "why"), tuple(rows)),),
     )
-
-
-def _count(differences: Sequence[Difference]) -> list[str]:
-    kinds = Counter(it.kind for it in differences)
-    return [", ".join(f"{count} {kind}" for kind, count in kinds.items())] if kinds else []
 
 
 def _values(survey: Survey) -> Section:
@@ -263,18 +258,9 @@ def _values(survey: Survey) -> Section:
                 *(mean.count, *shares),
             )
         )
-    columns = (
-        "joint",
-        "parameter",
-        "nominal",
-        "mean",
-        "between",
-        "units",
-        "unit share",
-        "episode share",
-        "rest",
-    )
-    most = f" The {len(chosen)} of {len(survey.variations)} that vary most." * (far != chosen)
+    columns = ("joint", "parameter", "nominal", "mean", "between", "units", *SHARES)
+    every = len(survey.variations)
+    most = f" The {len(chosen)} of {every} that vary most." if every > len(chosen) else ""
     return Section(
         "Parameters",
         "Means of the units that do not stand out, with the standard deviation between units."
@@ -288,8 +274,9 @@ def _values(survey: Survey) -> Section:
 
 def _outliers(it: Variation) -> str:
     others = quantity(it.common.mean, it.measure, it.common.spread)
-    units = f"{listed(it.outliers[:MOST_NAMES])}{''.join(_more(it.outliers, MOST_NAMES))}"
-    return f"{units}: {it.name} of {it.joint} stands out, the others have {others}"
+    units = [f"{unit} ({quantity(value, it.measure)})" for unit, value in it.outliers.items()]
+    told = ", ".join([*units[:MOST_NAMES], *_more(units, MOST_NAMES)])
+    return f"{it.name} of {it.joint} stands out on {told}; the others have {others}"
 
 
 def _picture(survey: Survey, it: Variation) -> Picture:

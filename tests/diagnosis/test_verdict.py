@@ -20,6 +20,7 @@ from servo_models.diagnosis.verdict import (
     NO_GAP,
     OUTSIDE,
     PARAMETERS,
+    Verdict,
     decide,
     model_weights,
 )
@@ -35,6 +36,10 @@ def test_of_two_causes_that_are_both_sure_the_larger_one_is_told_first() -> None
     assert verdict.weights["transport_delay"] > 0.995
     assert selection.of_size(1)[0].effects == ("drive_saturation",)
     assert list(verdict.weights)[:2] == ["drive_saturation", "transport_delay"]
+
+
+def test_a_verdict_is_printed_as_its_word() -> None:
+    assert str(Verdict(EFFECTS, {"backlash": 1.0}, ("backlash",), ())) == "effects"
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import msgspec
 import numpy as np
@@ -73,12 +73,11 @@ def outcome(
     )
 
 
-def fleet(units: int, joints: int, episodes: int = 3, parameters: int = 8) -> tuple[Outcome, ...]:
-    """A delay on all, a dead zone on the units of one firmware, play on every 17th unit; each
-    parameter with 10 % between units and 5 % between episodes."""
+def fleet(units: int, joints: int, episodes: int = 3, parameters: int = 8) -> Iterator[Outcome]:
+    """Yield jobs with a delay on all, a dead zone on the units of one firmware, play on every 17th
+    unit; each parameter with 10 % between units and 5 % between episodes."""
     random = np.random.default_rng(0)
     names = [f"parameter_{k}" for k in range(parameters)]
-    found = []
     for u in range(units):
         new, worn = u % 3 == 1, u % 17 == 2
         for j in range(joints):
@@ -89,23 +88,17 @@ def fleet(units: int, joints: int, episodes: int = 3, parameters: int = 8) -> tu
                 effects["backlash"] = (0.036 + 0.002 * random.normal(), 0.001)
             own = 1.0 + 0.1 * random.normal(size=parameters)
             each = own + 0.05 * random.normal(size=(episodes, parameters))
-            found.append(
-                outcome(
-                    f"unit {u + 1:04}",
-                    f"joint_{j + 1}",
-                    effects,
-                    parameters=[
-                        estimate(name, value, 0.02, 1.0, 0.3) for name, value in zip(names, own)
-                    ],
-                    episodes=[
-                        [
-                            estimate(name, value, 0.03, 1.0, 0.3)
-                            for name, value in zip(names, values)
-                        ]
-                        for values in each
-                    ],
-                    gap=10.0 + 5.0 * worn + random.exponential(),
-                    firmware="2.1" if new else "2.0",
-                )
+            yield outcome(
+                f"unit {u + 1:04}",
+                f"joint_{j + 1}",
+                effects,
+                parameters=[
+                    estimate(name, value, 0.02, 1.0, 0.3) for name, value in zip(names, own)
+                ],
+                episodes=[
+                    [estimate(name, value, 0.03, 1.0, 0.3) for name, value in zip(names, values)]
+                    for values in each
+                ],
+                gap=10.0 + 5.0 * worn + random.exponential(),
+                firmware="2.1" if new else "2.0",
             )
-    return tuple(found)

@@ -79,6 +79,8 @@ def test_the_mean_of_the_units_is_a_parameter_file(tmp_path: Path) -> None:
 
 def test_no_mean_is_taken_of_two_actuators() -> None:
     elbow, wrist = outcome("1", "elbow", DELAY), outcome("1", "wrist", DELAY)
+    copies = [msgspec.structs.replace(elbow, actuator=f"{u}/mine.py", unit=u) for u in "ab"]
+    assert survey(*copies).common().actuator == "a/mine.py"
     wrist = msgspec.structs.replace(wrist, actuator="torque_motor")
     with pytest.raises(sm.UserError, match=r"2 actuators .* elbow, wrist"):
         survey(elbow, wrist).common()
@@ -119,8 +121,21 @@ def test_what_changed(before: Outcome | None, now: Outcome | None, kind: str, wh
     assert [(it.kind, it.why) for it in found.differences] == ([(kind, why)] if kind else [])
 
 
+def test_an_equal_survey_says_that_nothing_changed() -> None:
+    jobs = tuple(fleet(2, 2))
+    assert "nothing changed" in str(survey(*jobs, earlier=jobs))
+    assert "Since before" not in str(survey(*jobs))
+
+
+def test_each_diagnosis_is_read_from_its_file(tmp_path: Path) -> None:
+    job = outcome("1", "elbow", PLAY)
+    (tmp_path / "jobs").mkdir()
+    (tmp_path / "jobs" / f"{job.key}.json").write_text('{"diagnosis": {"verdict": "effect"}}')
+    assert survey(job, folder=tmp_path).diagnosis("1", "elbow") == {"verdict": "effect"}
+
+
 def test_the_document_keeps_to_its_schema() -> None:
-    jobs = fleet(4, 2)
+    jobs = tuple(fleet(4, 2))
     found = survey(*jobs, outcome("x", "joint_1", failure="no log"), earlier=jobs[2:])
     document = json.loads(found.to_json())
     check_schema(document, SurveyDocument)
@@ -176,4 +191,6 @@ def test_a_unit_that_stands_out_is_told() -> None:
         for k in range(12)
     ]
     odd = outcome("odd", "elbow", parameters=[estimate("inertia", 3.0, 0.01)])
-    assert "odd: inertia of elbow stands out" in str(survey(*jobs, odd))
+    assert "inertia of elbow stands out on odd (3 kg.m2); the others have 1.05" in str(
+        survey(*jobs, odd)
+    )
