@@ -116,7 +116,7 @@ def export(
     else:
         servo = servo_of(model)
         runs = [excited(servo, simulator.loaded)]
-    values, fit = refitted(simulator, runs, step, servo.inertia)
+    values, fit = refitted(simulator, runs, step, servo.inertia, model.values)
     return Export(
         simulator,
         servo,

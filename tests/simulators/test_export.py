@@ -67,6 +67,19 @@ def test_jsbsim_recovers_lag_and_rate(tmp_path: Path) -> None:
     assert {it.degree for it in found.held.values()} == {EXACT}
 
 
+def test_jsbsim_takes_the_stops_as_they_are(tmp_path: Path) -> None:
+    """And fits the rest as without them: the large steps go beyond them."""
+    speed = 4.0  # rad/s
+    ahead = {"command_lag.time_constant": 0.1, "rate_limit.rate": speed}
+    fast = {**MOTION, "natural_frequency": 1000.0, "damping_ratio": 1.0, "speed_limit": 1e4}
+    values = {**fast, **ahead, "end_stops.half_range": 0.25}
+    found = export(written(tmp_path, values), "jsbsim")
+    assert found.values["lag"] == pytest.approx(1.0 / 0.1, rel=0.03)
+    assert found.values["rate_limit"] == pytest.approx(speed, rel=0.03)
+    assert "<clipto><min>-0.25</min><max>0.25</max></clipto>" in found.lines
+    assert found.errors[0].native_to_diagnosed < 0.1 * speed * found.step  # a tenth of a frame
+
+
 def test_what_is_lost_is_said_and_the_rest_is_in_words(tmp_path: Path) -> None:
     found = export(written(tmp_path, {**MOTION, "backlash.half_width": 0.02}), "isaaclab")
     assert {name: it.degree for name, it in found.held.items()} == {

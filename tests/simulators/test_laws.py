@@ -77,9 +77,17 @@ def test_mujoco_moves_the_joint_as_the_law_says(fields: Fields) -> None:
         {"deadband_width": 0.1},
         {"hysteresis_width": 0.2},
         {"bias": 0.1},
+        {"clipto": 0.6},
         {"delay": 1.0},
         {"delay": 7.0},
-        {"lag": 20.0, "rate_limit": 3.0, "hysteresis_width": 0.05, "bias": 0.02, "delay": 3.0},
+        {
+            "lag": 20.0,
+            "rate_limit": 3.0,
+            "hysteresis_width": 0.05,
+            "bias": 0.02,
+            "clipto": 0.7,
+            "delay": 3.0,
+        },
     ],
     ids="+".join,
 )

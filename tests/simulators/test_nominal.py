@@ -16,7 +16,7 @@ from servo_models.errors import UserError
 from servo_models.simulators import simulator
 from servo_models.simulators.nominal import nominal
 from tests.conftest import Run
-from tests.support.engines import mujoco_angles
+from tests.support.engines import jsbsim_angles, mujoco_angles
 
 ROBOT = """<mujoco><compiler angle="{angle}"/>
 <option integrator="implicitfast" timestep="0.0002"/>
@@ -167,6 +167,26 @@ def test_an_actuator_of_jsbsim_in_degrees(tmp_path: Path) -> None:
     assert found["command_offset.value"] == pytest.approx(math.radians(1.5))
     assert found["command_lag.time_constant"] == 0.05
     assert found["transport_delay.time"] == pytest.approx(5.0 / 120.0)  # as its engine runs six
+
+
+def test_the_model_moves_as_jsbsim_moves_the_actuator(tmp_path: Path) -> None:
+    """Within two frames of the fastest motion; the goal goes beyond the nearer end of clipto."""
+    pytest.importorskip("jsbsim")
+    lines = (
+        '<actuator name="fcs/servo"><input>fcs/goal</input><lag>20</lag><rate_limit>3</rate_limit>'
+        "<delay>0.05</delay><clipto><min>-0.4</min><max>0.5</max></clipto></actuator>"
+    )
+    (tmp_path / "servo.xml").write_text(f"<system>{lines}</system>")
+    found = nominal(f"{tmp_path / 'servo.xml'}")
+    (uneven,) = found.warnings
+    assert "-0.4 to 0.5" in uneven
+    step = 1.0 / 120.0
+    times = step * np.arange(360)
+    goal = np.where(times < 0.1, 0.0, np.where(times < 1.2, 0.3, -1.0)) + 0.1 * (times > 2.0)
+    engine = jsbsim_angles(lines, step, goal, tmp_path)
+    ours = simulate(found.model(), times, {"goal": goal})["angle"]
+    assert engine.min() == -0.4
+    assert ours == pytest.approx(engine, abs=2.0 * 3.0 * step)
 
 
 def test_what_is_exported_can_be_read_again(tmp_path: Path) -> None:
