@@ -15,6 +15,7 @@ from servo_models.data.log import Log
 from servo_models.data.parameters import ParameterSet, read_parameters
 from servo_models.errors import UserError
 from servo_models.identification.starts import with_starts
+from servo_models.report.result import Result
 from servo_models.simulators import simulator as find_simulator
 from servo_models.simulators.refit import refitted
 from servo_models.simulators.servo import Run, Servo, excited, logged, servo_of
@@ -36,8 +37,8 @@ class Errors:
     native: float | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class Export:
+@dataclass(frozen=True, eq=False, repr=False)
+class Export(Result):
     """An actuator as a simulator takes it.
 
     Attributes:
@@ -96,8 +97,8 @@ def export(
             also ``read_parameters``.
 
     Example:
-        >>> from servo_models.simulators.export import export
-        >>> print(export("servo.toml", "mujoco").lines)  # doctest: +SKIP
+        >>> import servo_models as sm
+        >>> print(sm.export("servo.toml", "mujoco").lines)  # doctest: +SKIP
         <option integrator="implicitfast" timestep="0.002"/>
     """
     simulator, given = find_simulator(to), read_parameters(params, trust)

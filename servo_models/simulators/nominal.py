@@ -16,7 +16,7 @@ from servo_models.units import parse
 LONGEST = 100  # characters of a value's origin at most: it may hold names of a foreign file
 
 
-def nominal(file: str, inertia: float | str = 0.0) -> ParameterSet:
+def import_nominal(file: str, inertia: float | str = 0.0) -> ParameterSet:
     """Return the values of an actuator in a simulator's file, as parameters of ours.
 
     Args:
@@ -28,9 +28,9 @@ def nominal(file: str, inertia: float | str = 0.0) -> ParameterSet:
 
     Example:
         >>> from pathlib import Path
-        >>> from servo_models.simulators.nominal import nominal
+        >>> import servo_models as sm
         >>> _ = Path("plane.parm").write_text("SIM_SERVO_SPEED 0.1")
-        >>> nominal("plane.parm").settings()["command_lag.time_constant"]
+        >>> sm.import_nominal("plane.parm").settings()["command_lag.time_constant"]
         0.1
     """
     name, _, joint = file.partition("#")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 
@@ -14,10 +15,11 @@ from servo_models.diagnosis.comparison.compare import compare
 from servo_models.errors import UserError
 from servo_models.simulators import simulators
 from servo_models.simulators.export import export
-from servo_models.simulators.sections import export_report
+from servo_models.simulators.sections import ExportDocument
 from servo_models.simulators.simulator import EXACT, LOST, NO_FIELD, Simulator
 from tests.conftest import Run
 from tests.support.document import ROOT, follow
+from tests.support.schemas import check_schema
 
 UAV = ROOT / "examples" / "uav"
 PAGE = (ROOT / "docs" / "simulators.md").read_text(encoding="utf-8")
@@ -86,7 +88,7 @@ def test_what_is_lost_is_said_and_the_rest_is_in_words(tmp_path: Path) -> None:
         "transport_delay": EXACT,
         "backlash": LOST,
     }
-    text = str(export_report(found))
+    text = str(found)
     assert "lost: backlash; the FMU" in text
     assert "one body" in text
 
@@ -101,7 +103,7 @@ def test_on_a_log_the_errors_are_those_of_the_comparison() -> None:
     assert (error.nominal, error.diagnosed) == pytest.approx((nominal, diagnosed))
     assert error.diagnosed < error.native < error.nominal  # it has the delay and not the play
     assert found.kept == pytest.approx((nominal - error.native) / (nominal - diagnosed))
-    assert f"keeps {100.0 * found.kept:.0f} % of the closed gap" in str(export_report(found))
+    assert f"keeps {100.0 * found.kept:.0f} % of the closed gap" in str(found)
 
 
 def test_the_command_writes_lines(tmp_path: Path, run: Run) -> None:
@@ -110,8 +112,17 @@ def test_the_command_writes_lines(tmp_path: Path, run: Run) -> None:
     assert code == 0
     assert "SIM_SERVO_" not in said.partition("Effects")[0]
     assert out.read_text().startswith("# SIM_RATE_HZ 1200\nSIM_SERVO_SPEED,")
-    code, said, _ = run("export", path, "--to", "jsbsim", "--time-step", "2.5 ms")
+    json_file = tmp_path / "servo.json"
+    words = ("--time-step", "2.5 ms", "--json", json_file)
+    code, said, _ = run("export", path, "--to", "jsbsim", *words)
     assert (code, "frames of 0.0025 s" in said) == (0, True)
+    told = json.loads(json_file.read_text())
+    check_schema(told, ExportDocument)
+    assert told["lines"] in said
+    assert told["effects"]["transport_delay"] == {"held": EXACT, "by": "delay, in whole frames"}
+    assert told["goal"] == {"command": "goal", "unit": "rad", "slope": 1.0, "zero": 0.0}
+    assert (told["time_step"], told["inertia"]) == (0.0025, MASS)
+    assert (told["kept"], told["errors"][0]["nominal"]) == (None, None)
 
 
 def test_what_cannot_be_exported_is_told_with_the_cure(tmp_path: Path, run: Run) -> None:
@@ -123,6 +134,7 @@ def test_what_cannot_be_exported_is_told_with_the_cure(tmp_path: Path, run: Run)
         ([path, "--to", "mujoco", "--time-step", "1 s"], "give one from"),
         ([path, "--to", "mujoco", "--log", bench], "is of 'sg90', variant 'measured'"),
         ([path, "--to", "mujoco", "--out", path], "is read, not written"),
+        ([path, "--to", "mujoco", "--json", path], "let the name end in .json"),
         ([tmp_path / "none.toml", "--to", "mujoco"], "none.toml"),
         ([written(motor, {}, "torque_motor"), "--to", "mujoco"], "build its FMU"),
     ):

@@ -14,7 +14,7 @@ from servo_models.data.parameters import read_parameters, write_parameters
 from servo_models.diagnosis.diagnose import diagnose
 from servo_models.errors import UserError
 from servo_models.simulators import simulator
-from servo_models.simulators.nominal import nominal
+from servo_models.simulators.nominal import import_nominal as nominal
 from tests.conftest import Run
 from tests.support.engines import jsbsim_angles, mujoco_angles
 
