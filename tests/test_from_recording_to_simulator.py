@@ -13,7 +13,7 @@ from servo_models import model, simulate
 from servo_models.core.types import Array
 from tests.conftest import Run
 from tests.support.dataflash import flight_log
-from tests.support.document import ROOT, code_blocks
+from tests.support.document import ROOT
 from tests.support.engines import ardupilot_angles, jsbsim_angles
 from tests.support.lerobot import FPS, JOINTS, data_set
 
@@ -94,7 +94,7 @@ def test_a_flight_log_becomes_a_surface_of_jsbsim_and_of_sitl(
     times, servo = ROW_S * np.arange(len(goal)), (np.degrees(read), np.degrees(goal))
     flight_log(Path("flight.bin"), times, {1: servo, 2: (0.0 * read, servo[1])})
     page = (ROOT / "docs" / "simulators.md").read_text(encoding="utf-8")
-    (block,) = (it for it in code_blocks(page, "") if "flight.bin" in it)
+    (block,) = (it for it in page.split("```\n") if it.startswith("servo-models check flight.bin"))
     check, diagnose, *exports = (line.split()[1:] for line in block.splitlines())
     assert run(*check)[0] == 0
     assert run(*diagnose)[0] == 1  # a gap is found

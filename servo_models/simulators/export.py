@@ -15,6 +15,7 @@ from servo_models.data.log import Log
 from servo_models.data.parameters import ParameterSet, read_parameters
 from servo_models.errors import UserError
 from servo_models.identification.starts import with_starts
+from servo_models.report.document import Document, Figure
 from servo_models.report.result import Result
 from servo_models.simulators import simulator as find_simulator
 from servo_models.simulators.refit import refitted
@@ -26,15 +27,15 @@ SHORTEST_S = 1e-4  # shortest time step of a simulator
 LONGEST_S = 0.1  # longest time step of a simulator
 
 
-@dataclass(frozen=True)
-class Errors:
-    """RMS errors [rad] against the measured angle of a log, and of the native law against ours."""
+class Errors(Document, frozen=True):
+    """RMS errors [rad] against the measured angle of a log, null without logs, and of the native
+    law against the diagnosed model."""
 
     log: str
     native_to_diagnosed: float
-    nominal: float | None = None
-    diagnosed: float | None = None
-    native: float | None = None
+    nominal: Figure
+    diagnosed: Figure
+    native: Figure
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -8,7 +8,8 @@ The law is that of the integrator ``implicitfast``, one degree of freedom:
 
 kv leaves the denominator while the force is clipped.  Source: MuJoCo documentation, Computation
 (Actuation model, Constraint model: solref 0.02 1 and solimp 0.9 0.95 of a friction loss, Numerical
-integration), XML reference (actuator/position, actuator/general delay, nsample), Modeling (Delays).
+integration), XML reference (actuator/position, actuator/general delay, nsample), Modeling (Delays);
+MuJoCo DC Motor Model, 2026, but for its controller, which gives a torque in MuJoCo 4.
 """
 
 from __future__ import annotations
@@ -147,6 +148,7 @@ def lines(values: Mapping[str, float], step: float, inertia: float) -> str:
     )
 
 
+SMALLEST_GEAR = 1e-6
 SERVOS = ("position", "pid")
 DRIVES = (*SERVOS, "motor", "dcmotor")
 ALIKE = ("general", *DRIVES)  # elements that share their defaults
@@ -187,22 +189,14 @@ class Driven:
     def gear(self) -> float:
         """Travel of the actuator over that of the joint."""
         ratio = self.of_drive("gear", default=1.0)
-        if ratio == 0.0:
-            raise UserError(f"gear of {self.origin} is 0, so that nothing drives it: give another")
+        if abs(ratio) < SMALLEST_GEAR:
+            raise UserError(f"gear of {self.origin} is {ratio:g}, nothing drives it: give another")
         return ratio
 
     def at_joint(self, key: str) -> float:
         """Return the armature [kg m^2], or damping [N m s/rad], of joint and actuator together."""
         outside = self.outside if key == "armature" else 0.0
         return outside + self.number(self.joint, key) + self.gear**2 * self.of_drive(key)
-
-    def common(self) -> Values:
-        """Return the values that every kind of actuator has."""
-        loss = self.number(self.joint, "frictionloss")
-        return {
-            TRANSPORT_DELAY: (self.of_drive("delay"), f"delay of {self.origin}"),
-            "coulomb_friction.level": (loss, f"frictionloss of {self.origin}"),
-        }
 
 
 def read(content: bytes, joint: str, inertia: float) -> Nominal:
@@ -238,8 +232,10 @@ def read(content: bytes, joint: str, inertia: float) -> Nominal:
     drive = {key: it for tag in ALIKE for key, it in defaults.get(tag, {}).items()} | element.attrib
     driven = Driven(name, at_joint, drive, inertia)
     reading = READINGS[element.tag](driven)
-    values, warnings = {**reading.values, **driven.common()}, [*reading.warnings]
-    origin = driven.origin
+    values, warnings, origin = {**reading.values}, [*reading.warnings], driven.origin
+    values[TRANSPORT_DELAY] = (driven.of_drive("delay"), f"delay of {origin}")
+    loss = driven.number(at_joint, "frictionloss")
+    values["coulomb_friction.level"] = (loss, f"frictionloss of {origin}")
     if "range" in at_joint and at_joint.get("limited", "auto") != "false":
         ends = numbers(at_joint["range"], 2, f"range of {origin}")
         compiler = root.find("compiler")
@@ -261,7 +257,7 @@ def _servo(it: Driven) -> Nominal:
     gain, damping = it.of_drive("kp", default=1.0), it.of_drive("kv")
     if "dampratio" in it.drive:
         carried = it.at_joint("armature") / it.gear**2
-        damping = 2.0 * it.of_drive("dampratio") * math.sqrt(gain * carried)
+        damping = 2.0 * it.of_drive("dampratio") * math.sqrt(max(gain * carried, 0.0))
     low, high = numbers(it.drive.get("forcerange", "0 0"), 2, f"forcerange of {it.origin}")
     effort = min(abs(low), abs(high))
     values = _follower(it, gain, damping, effort, it.of_drive("slewmax"))
@@ -340,12 +336,9 @@ def _controlled(it: Driven, constant: float, resistance: float) -> Nominal:
     told = f"controller of {it.origin}"
     if integral:
         raise UserError(f"{told} has an integral gain: our servo has none, leave out ki")
-    limits = (
-        it.of_drive("saturation"),
-        constant * it.of_drive("saturation", 1),
-        constant * volts / resistance,
-    )
-    effort = min((limit for limit in limits if limit > 0.0), default=0.0)
+    limit = it.of_drive("saturation") or constant * it.of_drive("saturation", 1)
+    stall = constant * volts / resistance
+    effort = min(limit, stall) if limit and stall else limit or stall
     values = _follower(it, gain, damping, effort, slew)
     warnings = _left_out(it, "cogging", "inductance", "lugre", "thermal")
     if volts:

@@ -68,26 +68,21 @@ def _target(reading: Nominal) -> tuple[Actuator, str]:
 
     Variants differ in size: the first is taken whose bounds hold the values, else the last.
     """
-    fitting = [
-        (actuator, variant.name)
-        for actuator in actuators().values()
-        for variant in actuator.variants
-        if _has(actuator.plant_of(variant.name), variant.command or actuator.step[0], reading)
-    ]
+    fitting = []
+    for actuator in actuators().values():
+        for variant in actuator.variants:
+            plant = actuator.plant_of(variant.name)
+            command = plant.wire[variant.command or actuator.step[0]]
+            if command.unit == reading.command and reading.values.keys() <= plant.parameters.keys():
+                told = [
+                    (plant.parameters[name].param, it) for name, (it, _) in reading.values.items()
+                ]
+                within = all(param.low <= value <= param.high for param, value in told)
+                fitting.append((within, actuator, variant.name))
     if not fitting:
         raise UserError("no actuator of the catalogue has all of its parameters")
-    return next((it for it in fitting if _holds(*it, reading)), fitting[-1])
-
-
-def _has(plant: Plant, command: str, reading: Nominal) -> bool:
-    unit = plant.wire[command].unit
-    return unit == reading.command and reading.values.keys() <= plant.parameters.keys()
-
-
-def _holds(actuator: Actuator, variant: str, reading: Nominal) -> bool:
-    parameters = actuator.plant_of(variant).parameters
-    told = [(parameters[name].param, value) for name, (value, _) in reading.values.items()]
-    return all(param.low <= value <= param.high for param, value in told)
+    _, chosen, name = next((it for it in fitting if it[0]), fitting[-1])
+    return chosen, name
 
 
 def _estimate(plant: Plant, name: str, value: float, origin: str) -> Estimate:

@@ -8,11 +8,11 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
-from servo_models.report.document import Document, Figure, Magnitude, about, choice
+from servo_models.report.document import Document, Figure, about, choice
 from servo_models.report.numbers import Quantity, listed
 from servo_models.report.result import Report, document_of, report_of
 from servo_models.report.sections import Cell, Section, Table
-from servo_models.simulators.export import Export
+from servo_models.simulators.export import Errors, Export
 from servo_models.simulators.simulator import APPROXIMATE, EXACT, LOST
 
 FMU = "the FMU ('servo-models build --params') keeps all"
@@ -28,28 +28,8 @@ class NativeField(Document, frozen=True):
     unit: str
 
 
-class LogErrors(Document, frozen=True):
-    """RMS [rad] against the measured angle, null without logs; ``native_to_diagnosed`` is that of
-    the simulator's law against the diagnosed model."""
-
-    log: str
-    nominal: Figure
-    diagnosed: Figure
-    native: Figure
-    native_to_diagnosed: Magnitude
-
-
-class Goal(Document, frozen=True):
-    """Goal [rad] = slope (command - zero)."""
-
-    command: str
-    unit: str
-    slope: float
-    zero: float
-
-
 class ExportDocument(Document, frozen=True):
-    """An actuator as a simulator takes it."""
+    """An actuator as a simulator takes it: goal [rad] = slope (command - zero)."""
 
     title: ClassVar[str] = "servo-models export"
 
@@ -58,11 +38,14 @@ class ExportDocument(Document, frozen=True):
     variant: str
     time_step: Annotated[float, about("Of the simulator [s]; a delay is in such steps.")]
     inertia: Annotated[float, about("Of all that turns [kg m2].")]
-    goal: Goal
+    command: str
+    command_unit: str
+    slope: float
+    zero: float
     fields: dict[str, NativeField]
     lines: Annotated[str, about("To paste.")]
     effects: Annotated[dict[str, HeldEffect], about("That are on.")]
-    errors: Sequence[LogErrors]
+    errors: Sequence[Errors]
     kept: Annotated[Figure, about("Fraction of the closed gap in all logs; null without one.")]
 
 
@@ -77,13 +60,15 @@ def export_document(exported: Export) -> ExportDocument:
         variant=servo.model.variant,
         time_step=exported.step,
         inertia=servo.inertia,
-        goal=Goal.made_from(servo, command=servo.command.name, unit=servo.command.unit),
+        command=servo.command.name,
+        command_unit=servo.command.unit,
+        slope=servo.slope,
+        zero=servo.zero,
         fields={
             it.name: NativeField(exported.values[it.name], it.unit)
             for it in exported.simulator.fields
         },
         effects={name: HeldEffect(it.degree, it.how) for name, it in exported.held.items()},
-        errors=[LogErrors.made_from(it) for it in exported.errors],
     )
 
 

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from dataclasses import field as dataclass_field
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
 
@@ -131,7 +130,7 @@ class Simulator:
     holds: Mapping[str, Held]
     lines: Callable[[Mapping[str, float], float, float], str]
     loaded: bool = True
-    taken: Mapping[str, str] = dataclass_field(default_factory=dict)
+    taken: Mapping[str, str] = field(default_factory=dict)
 
     @cached_property
     def compiled(self) -> Law:

@@ -18,7 +18,7 @@ from servo_models.simulators.export import export
 from servo_models.simulators.sections import ExportDocument
 from servo_models.simulators.simulator import EXACT, LOST, NO_FIELD, Simulator
 from tests.conftest import Run
-from tests.support.document import ROOT, follow
+from tests.support.document import ROOT, code_blocks, follow
 from tests.support.schemas import check_schema
 
 UAV = ROOT / "examples" / "uav"
@@ -120,7 +120,8 @@ def test_the_command_writes_lines(tmp_path: Path, run: Run) -> None:
     check_schema(told, ExportDocument)
     assert told["lines"] in said
     assert told["effects"]["transport_delay"] == {"held": EXACT, "by": "delay, in whole frames"}
-    assert told["goal"] == {"command": "goal", "unit": "rad", "slope": 1.0, "zero": 0.0}
+    assert (told["command"], told["command_unit"]) == ("goal", "rad")
+    assert (told["slope"], told["zero"]) == (1.0, 0.0)
     assert (told["time_step"], told["inertia"]) == (0.0025, MASS)
     assert (told["kept"], told["errors"][0]["nominal"]) == (None, None)
 
@@ -182,6 +183,8 @@ def test_the_examples_of_the_page(
     (tmp_path / "arm.xml").write_text(PAGE.split("```xml\n")[1].split("```")[0])
     monkeypatch.chdir(tmp_path)
     assert len(follow(PAGE, run)) == 3
+    (code,) = code_blocks(PAGE, "python")
+    exec(code)
 
 
 def described(folder: Path, constants: tuple[str, ...] = ("",), output: str = "rate") -> Path:

@@ -55,6 +55,8 @@ def robot(
     return str(path)
 
 
+LAGGED = '<position joint="wrist" kp="2" kv="0.09" forcerange="-0.3 0.3" timeconst="0.01"/>'
+PID = '<pid class="arm" joint="elbow" kp="3" kv="0.01" gear="2" slewmax="6" input="pos"/>'
 MOTOR = '<motor joint="wrist" gear="{}" armature="1e-4" damping="1e-3"/>'
 DC = '<dcmotor joint="wrist" gear="10" motorconst="0.02" resistance="2" {}/>'
 POSITION = 'input="pos" controller="0.03 0 0.002'
@@ -66,18 +68,8 @@ NOMINAL = 'joint="wrist" gear="-10" nominal="12 0.12 600" inductance="0 3e-3"'
     [
         # damping by the joint, force limited: the largest speed is their ratio
         (ELBOW, "goal", 1.0, 0.02),
-        (
-            '<position joint="wrist" kp="2" kv="0.09" forcerange="-0.3 0.3" timeconst="0.01"/>',
-            "goal",
-            1.0,
-            0.02,
-        ),
-        (
-            '<pid class="arm" joint="elbow" kp="3" kv="0.01" gear="2" slewmax="6" input="pos"/>',
-            "goal",
-            1.0,
-            0.02,
-        ),
+        (LAGGED, "goal", 1.0, 0.02),
+        (PID, "goal", 1.0, 0.02),
         ('<position joint="wrist" kp="2" kv="0.1" damping="0.1"/>', "goal", 1.0, 1e-3),
         (MOTOR.format(3), "current_command", 0.02, 1e-3),
         (MOTOR.format(-3), "current_command", 0.02, 1e-3),
@@ -250,6 +242,7 @@ PASSIVE = DC.format('input="none"')
         ("a.xml", PASSIVE, "", "has input 'none': give one with voltage or pos"),
         ("a.xml", DC.format('input="pos" controller="1 2"'), "", "integral gain"),
         ("a.xml", '<motor joint="wrist" gear="0"/>', "", "gear of joint 'wrist' is 0"),
+        ("a.xml", '<position joint="wrist" kp="-1" dampratio="1"/>', "", "no stiffness"),
         ("a.xml", '<position joint="wrist" kp="stiff"/>', "", "kp of joint 'wrist' is 'stiff'"),
         ("a.xml", '<position joint="wrist" kp="nan"/>', "", "give a number"),
         ("a.xml", '<pid joint="wrist" ki="3"/>', "", "integral gain"),
