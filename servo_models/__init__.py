@@ -2,8 +2,9 @@
 
 What there is: ``overview``, ``explain``.  A model: ``model``, ``simulate``, ``figures``,
 ``linearise``, ``build``, ``validate``.  Logs: ``describe`` or ``read_description``, then ``check``,
-``identify``, ``diagnose``.  An actuator of your own: ``Actuator``, ``Plant``, ``Wire``, ``block``,
-``effect``, ``place``, ``effects_on``; see docs/own_actuator.md.
+``identify``, ``diagnose``.  From and to simulators: ``import_nominal``, ``export``.  An actuator of
+your own: ``Actuator``, ``Plant``, ``Wire``, ``block``, ``effect``, ``place``, ``effects_on``; see
+docs/own_actuator.md.
 
 Example:
     >>> import servo_models as sm
@@ -59,6 +60,8 @@ if TYPE_CHECKING:
     from servo_models.errors import UserError
     from servo_models.identification.check import check
     from servo_models.identification.identify import identify
+    from servo_models.simulators.export import export
+    from servo_models.simulators.nominal import import_nominal
     from servo_models.survey.survey import survey
     from servo_models.validation.any_fmu.experiment import Against
     from servo_models.validation.rows import Validation
@@ -102,8 +105,10 @@ __all__ = [
     "effect",
     "effects_on",
     "explain",
+    "export",
     "figures",
     "identify",
+    "import_nominal",
     "linearise",
     "model",
     "overview",

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from servo_models.cli.options import Largest, Trust
+from servo_models.cli.options import Json, Largest, Trust, check_outputs, write_result
 from servo_models.errors import UserError
 
 
@@ -39,6 +39,7 @@ def export(
     out: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write the lines; default: print them.")
     ] = None,
+    json: Json = None,
     trust: Trust = False,
     largest: Largest = None,
 ) -> None:
@@ -58,9 +59,9 @@ def export(
     from servo_models.files import check_writable, write_whole
     from servo_models.simulators import simulator
     from servo_models.simulators.export import export as run
-    from servo_models.simulators.sections import export_report
 
     simulator(to)
+    check_outputs((json, ".json"), description=log)
     if out:
         read = [params, *(named_files(log) if log else [])]
         if out.exists() and any(other.exists() and out.samefile(other) for other in read):
@@ -73,4 +74,5 @@ def export(
         print(f"wrote '{out}'\n")
     else:
         print(result.lines)
-    show(export_report(result))
+    write_result(result, json=json)
+    show(result.report())

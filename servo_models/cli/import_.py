@@ -39,10 +39,10 @@ def import_(
     from servo_models.cli.console import show
     from servo_models.data.parameters import write_parameters
     from servo_models.data.sections import parameter_report
-    from servo_models.simulators.nominal import nominal
+    from servo_models.simulators.nominal import import_nominal
 
     check_outputs((out, ".toml"))
-    parameters = nominal(file, inertia)
+    parameters = import_nominal(file, inertia)
     if out:
         write_parameters(parameters, out)
         print(f"wrote '{out}': name it in a description, params = \"{out.name}\"")

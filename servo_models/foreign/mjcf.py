@@ -2,7 +2,8 @@
 
 The command is the control of the actuator that drives the joint; read are its angle, or position,
 and rate.  Parameters are those of the joint and of the actuator: damping, armature, frictionloss,
-and of a position servo kp and kv.  Everything else of the file moves along.
+of a position or pid servo kp and kv, of a motor its gear, of a dcmotor resistance and motorconst,
+and of its controller kp and kd.  Everything else of the file moves along.
 """
 
 from __future__ import annotations
@@ -25,6 +26,21 @@ STOP = 2.0  # s, of an experiment that shows what it does
 HINGE = 3  # mjtJoint.mjJNT_HINGE
 JOINT = {"damping": "dof_damping", "armature": "dof_armature", "frictionloss": "dof_frictionloss"}
 """Fields of a joint, and where MuJoCo keeps them."""
+Parameters = Mapping[str, tuple[tuple[str, int, float], ...]]
+SERVO: Parameters = {
+    "kp": (("gainprm", 0, 1.0), ("biasprm", 1, -1.0)),
+    "kv": (("biasprm", 2, -1.0),),
+}
+PID: Parameters = {"kp": (("biasprm", 1, -1.0),), "kv": (("biasprm", 2, -1.0),)}
+MOTOR: Parameters = {"gear": (("gear", 0, 1.0),)}
+DC_MOTOR: Parameters = {"resistance": (("gainprm", 0, 1.0),), "motorconst": (("gainprm", 1, 1.0),)}
+CONTROLLED: Parameters = {"kp": (("gainprm", 4, 1.0),), "kd": (("gainprm", 6, 1.0),), **DC_MOTOR}
+"""Parameters of an actuator: the arrays of MuJoCo that hold one, the place in it and the sign."""
+LEAST = 1e-3  # least resistance or motorconst over its own
+FIXED_GAIN = 0  # mjtGain.mjGAIN_FIXED
+DC_GAIN = 3  # mjtGain.mjGAIN_DCMOTOR
+POSITION_INPUT = 1  # mjtCtrlInput.mjINPUT_POS
+VOLTAGE_INPUT = 8  # mjtCtrlInput.mjINPUT_VOLTAGE
 UNITS = {"damping": "N.m.s/rad", "armature": "kg.m2", "frictionloss": "N.m"}
 SLIDE_UNITS = {"damping": "N.s/m", "armature": "kg", "frictionloss": "N"}
 
@@ -41,22 +57,31 @@ class MjcfBox:
         unit, units = ("rad", UNITS) if hinge else ("m", SLIDE_UNITS)
         low, high = model.jnt_range[place] if model.jnt_limited[place] else (-np.pi, np.pi)
         size = float(max(abs(low), abs(high)))
-        is_servo = model.actuator_biasprm[drive][1] < 0.0
-        command = Signal("command", unit if is_servo else "1", size, about="control")
-        self.inputs: tuple[Signal, ...] = (command,)
+        kind, command = _kind(model, drive)
+        limited, limits = model.actuator_ctrllimited[drive], model.actuator_ctrlrange[drive]
+        most = float(np.abs(limits).max()) if limited else size
+        self.inputs: tuple[Signal, ...] = (
+            Signal("command", command or unit, most, about="control"),
+        )
         self.outputs: tuple[Signal, ...] = (
             Signal("angle" if hinge else "position", unit, size, about=f"of joint {joint}"),
         )
         dof = model.jnt_dofadr[place]
         values = {key: float(getattr(model, field)[dof]) for key, field in JOINT.items()}
         known = [Signal(key, units[key], value, 0.0) for key, value in values.items()]
-        if is_servo:
-            gain, rate = model.actuator_gainprm[drive][0], -model.actuator_biasprm[drive][2]
-            torque = "N.m" if hinge else "N"
-            known += [
-                Signal("kp", f"{torque}/{unit}", float(gain), 0.0),
-                Signal("kv", f"{torque}.s/{unit}", float(rate), 0.0),
-            ]
+        torque = "N.m" if hinge else "N"
+        of_drive = {
+            "kp": f"{torque}/{unit}",
+            "kv": f"{torque}.s/{unit}",
+            "kd": f"{torque}.s/{unit}",
+            "gear": torque,
+            "resistance": "Ohm",
+            "motorconst": f"{torque}/A",
+        }
+        for key, ((array, column, sign), *_) in kind.items():
+            value = sign * getattr(model, f"actuator_{array}")[drive][column]
+            low = LEAST * value if key in DC_MOTOR else -np.inf if key == "gear" else 0.0
+            known.append(Signal(key, of_drive[key], float(value), low))
         self.parameters = tuple(known)
         self.step, self.stop_time = float(model.opt.timestep), STOP
         self._call = Child(_simulation, (path, joint), SECONDS, f"'{path.name}#{joint}'")
@@ -90,25 +115,39 @@ def _found(model: Any, path: Path, joint: str) -> tuple[int, int]:
     return place, drives[0]
 
 
+def _kind(model: Any, drive: int) -> tuple[Parameters, str]:
+    """Parameters of an actuator, and the unit of its command; "" for that of the joint."""
+    gain, bias = model.actuator_gaintype[drive], model.actuator_biasprm[drive]
+    if gain == DC_GAIN and hasattr(model, "actuator_ctrlspec"):  # from MuJoCo 4 on
+        command = model.actuator_ctrlspec[drive]
+        if command == POSITION_INPUT:
+            return CONTROLLED, ""
+        return DC_MOTOR, "V" if command == VOLTAGE_INPUT else "1"
+    if bias[1] < 0.0:
+        return (SERVO if gain == FIXED_GAIN else PID), ""
+    return (MOTOR if gain == FIXED_GAIN and not bias.any() else {}), "1"
+
+
 def _simulation(path: Path, joint: str) -> Callable[..., Array]:
     """The function that a child process calls."""
     mujoco, model = extra("benchmark", "mujoco"), _loaded(path)
     place, drive = _found(model, path, joint)
     dof, angle = model.jnt_dofadr[place], model.jnt_qposadr[place]
+    kind, _ = _kind(model, drive)
+    control = model.actuator_ctrladr[drive] if hasattr(model, "actuator_ctrladr") else drive
 
     def simulate(parameters: Mapping[str, float], times: Array, command: Array) -> Array:
         for key, field in JOINT.items():
             getattr(model, field)[dof] = parameters[key]
-        if "kp" in parameters:
-            model.actuator_gainprm[drive][0] = parameters["kp"]
-            model.actuator_biasprm[drive][1] = -parameters["kp"]
-            model.actuator_biasprm[drive][2] = -parameters["kv"]
+        for key, places in kind.items():
+            for array, column, sign in places:
+                getattr(model, f"actuator_{array}")[drive][column] = sign * parameters[key]
         data = mujoco.MjData(model)
         out = np.empty(len(times))
         out[0] = data.qpos[angle]
         clock, step = float(times[0]), model.opt.timestep
         for k in range(1, len(times)):
-            data.ctrl[drive] = command[k - 1]
+            data.ctrl[control] = command[k - 1]
             while clock < times[k] - 0.5 * step:
                 mujoco.mj_step(model, data)
                 clock += step

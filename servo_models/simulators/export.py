@@ -15,6 +15,8 @@ from servo_models.data.log import Log
 from servo_models.data.parameters import ParameterSet, read_parameters
 from servo_models.errors import UserError
 from servo_models.identification.starts import with_starts
+from servo_models.report.document import Document, Figure
+from servo_models.report.result import Result
 from servo_models.simulators import simulator as find_simulator
 from servo_models.simulators.refit import refitted
 from servo_models.simulators.servo import Run, Servo, excited, logged, servo_of
@@ -25,19 +27,19 @@ SHORTEST_S = 1e-4  # shortest time step of a simulator
 LONGEST_S = 0.1  # longest time step of a simulator
 
 
-@dataclass(frozen=True)
-class Errors:
-    """RMS errors [rad] against the measured angle of a log, and of the native law against ours."""
+class Errors(Document, frozen=True):
+    """RMS errors [rad] against the measured angle of a log, null without logs, and of the native
+    law against the diagnosed model."""
 
     log: str
     native_to_diagnosed: float
-    nominal: float | None = None
-    diagnosed: float | None = None
-    native: float | None = None
+    nominal: Figure
+    diagnosed: Figure
+    native: Figure
 
 
-@dataclass(frozen=True, eq=False)
-class Export:
+@dataclass(frozen=True, eq=False, repr=False)
+class Export(Result):
     """An actuator as a simulator takes it.
 
     Attributes:
@@ -96,8 +98,8 @@ def export(
             also ``read_parameters``.
 
     Example:
-        >>> from servo_models.simulators.export import export
-        >>> print(export("servo.toml", "mujoco").lines)  # doctest: +SKIP
+        >>> import servo_models as sm
+        >>> print(sm.export("servo.toml", "mujoco").lines)  # doctest: +SKIP
         <option integrator="implicitfast" timestep="0.002"/>
     """
     simulator, given = find_simulator(to), read_parameters(params, trust)
@@ -116,7 +118,7 @@ def export(
     else:
         servo = servo_of(model)
         runs = [excited(servo, simulator.loaded)]
-    values, fit = refitted(simulator, runs, step, servo.inertia)
+    values, fit = refitted(simulator, runs, step, servo.inertia, model.values)
     return Export(
         simulator,
         servo,

@@ -35,6 +35,7 @@ FIELDS = (
     Field("deadband_width", "rad", "width of the dead zone about 0", 1e-6, 1.0),
     Field("hysteresis_width", "rad", "width of the play", 1e-6, 1.0),
     Field("bias", "rad", "offset", -1.0, 1.0),
+    Field("clipto", "rad", "largest angle to either side", 1e-3, 100.0),
     Field(DELAY, "steps", "delay", 0.0, 500.0),
 )
 
@@ -45,6 +46,7 @@ def law(
     deadband: float,
     hysteresis: float,
     bias: float,
+    clipto: float,
     delay: float,
     step: float,
     goal: Array,
@@ -75,6 +77,8 @@ def law(
         elif output < played:
             played = min(played, output + 0.5 * hysteresis)
         angles[k] = played + bias
+        if clipto > 0.0:
+            angles[k] = min(max(angles[k], -clipto), clipto)
     return angles
 
 
@@ -107,16 +111,19 @@ HOLDS: Mapping[str, Held] = {
     "dead_band": Held(APPROXIMATE, "hysteresis_width, play in place of a band"),
     "offset": Held(EXACT, "bias"),
     "null_shift": Held(APPROXIMATE, "bias"),
-    "end_stops": Held(EXACT, "clipto, which you set"),
+    "end_stops": Held(APPROXIMATE, "clipto, which the motion goes on behind"),
     "load_inertia": Held(APPROXIMATE, "lag, of one load"),
 }
 
 
 def lines(values: Mapping[str, float], step: float, inertia: float) -> str:
     """The actuator; half a frame keeps the delay off the edge where JSBSim cuts it."""
-    told = {name: f"{values[name]:.5g}" for name in [it.name for it in FIELDS[:-1]] if values[name]}
+    names = [it.name for it in FIELDS if it.name not in ("clipto", DELAY)]
+    told = {name: f"{values[name]:.5g}" for name in names if values[name]}
     if values[DELAY]:
         told[DELAY] = f"{(values[DELAY] + 1.5) * step:.6g}"
+    if values["clipto"]:
+        told["clipto"] = "<min>-{0:.5g}</min><max>{0:.5g}</max>".format(values["clipto"])
     inner = "".join(f"  <{name}>{value}</{name}>\n" for name, value in told.items())
     return (
         f"<!-- radians, frames of {step:.6g} s -->\n"
@@ -154,7 +161,13 @@ def read(content: bytes, joint: str, inertia: float) -> Nominal:
     values["command_lag.time_constant"] = (1.0 / lag if lag else 0.0, f"1 / lag of {origin}")
     if value("deadband_width"):
         raise UserError(f"{origin} has a deadband_width, a dead zone about 0: leave it out")
-    return Nominal(values)
+    if element.find("clipto") is None:
+        return Nominal(values)
+    low, high = value("clipto/min"), value("clipto/max")
+    half = scale * max(min(-low, high), 0.0)
+    values["end_stops.half_range"] = (half, f"nearer end of clipto of {origin}")
+    uneven = f"clipto of {origin} is {low:g} to {high:g}, in ours the same to either side"
+    return Nominal(values, warnings=() if low == -high else (uneven,))
 
 
 def _in_degrees(element: ET.Element, name: str) -> bool:
@@ -162,5 +175,15 @@ def _in_degrees(element: ET.Element, name: str) -> bool:
     return any(text.strip().endswith(("deg", "degrees")) for text in names)
 
 
-SIMULATOR = Simulator("JSBSim", 1.0 / 120.0, FIELDS, law, starts, HOLDS, lines, loaded=False)
+SIMULATOR = Simulator(
+    "JSBSim",
+    1.0 / 120.0,
+    FIELDS,
+    law,
+    starts,
+    HOLDS,
+    lines,
+    loaded=False,
+    taken={"clipto": "end_stops.half_range"},
+)
 READER = Reader("JSBSim", (".xml",), b"<actuator ", read)

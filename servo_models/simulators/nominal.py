@@ -16,7 +16,7 @@ from servo_models.units import parse
 LONGEST = 100  # characters of a value's origin at most: it may hold names of a foreign file
 
 
-def nominal(file: str, inertia: float | str = 0.0) -> ParameterSet:
+def import_nominal(file: str, inertia: float | str = 0.0) -> ParameterSet:
     """Return the values of an actuator in a simulator's file, as parameters of ours.
 
     Args:
@@ -28,9 +28,9 @@ def nominal(file: str, inertia: float | str = 0.0) -> ParameterSet:
 
     Example:
         >>> from pathlib import Path
-        >>> from servo_models.simulators.nominal import nominal
+        >>> import servo_models as sm
         >>> _ = Path("plane.parm").write_text("SIM_SERVO_SPEED 0.1")
-        >>> nominal("plane.parm").settings()["command_lag.time_constant"]
+        >>> sm.import_nominal("plane.parm").settings()["command_lag.time_constant"]
         0.1
     """
     name, _, joint = file.partition("#")
@@ -64,14 +64,25 @@ def _kind(path: Path, content: bytes) -> str:
 
 
 def _target(reading: Nominal) -> tuple[Actuator, str]:
-    """The actuator that has all parameters that were read, and the variant with its command."""
+    """The actuator that has all parameters that were read, and the variant with its command.
+
+    Variants differ in size: the first is taken whose bounds hold the values, else the last.
+    """
+    fitting = []
     for actuator in actuators().values():
         for variant in actuator.variants:
             plant = actuator.plant_of(variant.name)
             command = plant.wire[variant.command or actuator.step[0]]
             if command.unit == reading.command and reading.values.keys() <= plant.parameters.keys():
-                return actuator, variant.name
-    raise UserError("no actuator of the catalogue has all of its parameters")
+                told = [
+                    (plant.parameters[name].param, it) for name, (it, _) in reading.values.items()
+                ]
+                within = all(param.low <= value <= param.high for param, value in told)
+                fitting.append((within, actuator, variant.name))
+    if not fitting:
+        raise UserError("no actuator of the catalogue has all of its parameters")
+    _, chosen, name = next((it for it in fitting if it[0]), fitting[-1])
+    return chosen, name
 
 
 def _estimate(plant: Plant, name: str, value: float, origin: str) -> Estimate:

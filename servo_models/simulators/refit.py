@@ -67,7 +67,7 @@ class Fit:
         fields = [
             field
             for field in self.simulator.fields
-            if begin[field.name] != 0.0 and field.name not in fixed
+            if begin[field.name] != 0.0 and field.name not in (*fixed, *self.simulator.taken)
         ]
         if not fields:
             return dict(begin)
@@ -112,12 +112,17 @@ def delayed(goal: Array, steps: float) -> Array:
 
 
 def refitted(
-    simulator: Simulator, runs: Sequence[Run], step: float, inertia: float
+    simulator: Simulator,
+    runs: Sequence[Run],
+    step: float,
+    inertia: float,
+    ours: Mapping[str, float],
 ) -> tuple[dict[str, float], Fit]:
     """Return the fields that fit the diagnosed model best, by name, and the fit that judged them.
 
     Searches start from the best of a grid of motions; then the delay is rounded, and a field that
-    lowers the error by less than a twentieth is left out.
+    lowers the error by less than a twentieth is left out.  ``ours`` are parameters of the model
+    [SI], of which the simulator takes some as they are.
 
     Raises:
         UserError: logs that take too many steps.
@@ -132,8 +137,9 @@ def refitted(
     speed = max(
         float(np.max(np.abs(np.diff(run.angle) / np.diff(run.times)), initial=1e-3)) for run in runs
     )
+    taken = {name: ours.get(parameter, 0.0) for name, parameter in simulator.taken.items()}
     guesses = [
-        start
+        {**start, **taken}
         for frequency, ratio, delay in itertools.product(FREQUENCIES, RATIOS, DELAYS_S)
         for start in simulator.starts(Motion(frequency, ratio, speed, inertia, delay / step + 0.5))
     ]
@@ -156,7 +162,7 @@ def _whole(fit: Fit, values: Mapping[str, float]) -> dict[str, float]:
 def _simplified(fit: Fit, values: dict[str, float]) -> dict[str, float]:
     """Values without the fields that hardly lower the error; a delay may replace one."""
     for field in fit.simulator.fields:
-        if field.optional and values[field.name] != 0.0:
+        if field.optional and values[field.name] != 0.0 and field.name not in fit.simulator.taken:
             without = {**values, field.name: 0.0}
             if field.name != DELAY:
                 without = _whole(fit, fit.searched({**without, DELAY: values[DELAY] + 0.5}))

@@ -1,21 +1,79 @@
-"""An export as people read it."""
+"""An export as people and programs read it."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from typing import Annotated, ClassVar
 
 import numpy as np
 
+from servo_models.report.document import Document, Figure, about, choice
 from servo_models.report.numbers import Quantity, listed
-from servo_models.report.result import Report
+from servo_models.report.result import Report, document_of, report_of
 from servo_models.report.sections import Cell, Section, Table
-from servo_models.simulators.export import Export
-from servo_models.simulators.simulator import LOST
+from servo_models.simulators.export import Errors, Export
+from servo_models.simulators.simulator import APPROXIMATE, EXACT, LOST
 
 FMU = "the FMU ('servo-models build --params') keeps all"
 
 
-def export_report(exported: Export) -> Report:
+class HeldEffect(Document, frozen=True):
+    held: Annotated[str, choice(EXACT, APPROXIMATE, LOST)]
+    by: str
+
+
+class NativeField(Document, frozen=True):
+    value: Annotated[float, about("0: left out.")]
+    unit: str
+
+
+class ExportDocument(Document, frozen=True):
+    """An actuator as a simulator takes it: goal [rad] = slope (command - zero)."""
+
+    title: ClassVar[str] = "servo-models export"
+
+    simulator: str
+    actuator: str
+    variant: str
+    time_step: Annotated[float, about("Of the simulator [s]; a delay is in such steps.")]
+    inertia: Annotated[float, about("Of all that turns [kg m2].")]
+    command: str
+    command_unit: str
+    slope: float
+    zero: float
+    fields: dict[str, NativeField]
+    lines: Annotated[str, about("To paste.")]
+    effects: Annotated[dict[str, HeldEffect], about("That are on.")]
+    errors: Sequence[Errors]
+    kept: Annotated[Figure, about("Fraction of the closed gap in all logs; null without one.")]
+
+
+@document_of.register(Export)
+def export_document(exported: Export) -> ExportDocument:
+    """Return an export as what JSON is made of."""
+    servo = exported.servo
+    return ExportDocument.made_from(
+        exported,
+        simulator=exported.simulator.title,
+        actuator=servo.model.actuator.name,
+        variant=servo.model.variant,
+        time_step=exported.step,
+        inertia=servo.inertia,
+        command=servo.command.name,
+        command_unit=servo.command.unit,
+        slope=servo.slope,
+        zero=servo.zero,
+        fields={
+            it.name: NativeField(exported.values[it.name], it.unit)
+            for it in exported.simulator.fields
+        },
+        effects={name: HeldEffect(it.degree, it.how) for name, it in exported.held.items()},
+    )
+
+
+@report_of.register(Export)
+def export_report(exported: Export, date: str = "") -> Report:
     """Return what a simulator holds of an actuator and what is lost, measured and in words."""
     title, model = exported.simulator.title, exported.servo.model
     held = sorted(exported.held.items(), key=lambda it: it[1].degree)
@@ -50,6 +108,7 @@ def export_report(exported: Export) -> Report:
                 ),
             ),
         ),
+        date=date,
     )
 
 

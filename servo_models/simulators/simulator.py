@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
 
@@ -119,6 +119,7 @@ class Simulator:
         holds: by effect, or by the name of an effect's place, which takes precedence.
         lines: fields, time step [s] and inertia [kg m^2] as text to paste.
         loaded: whether the law takes the load; else the angle is the same under any.
+        taken: fields that are not fitted, as they are parameters of ours, by field.
     """
 
     title: str
@@ -129,6 +130,7 @@ class Simulator:
     holds: Mapping[str, Held]
     lines: Callable[[Mapping[str, float], float, float], str]
     loaded: bool = True
+    taken: Mapping[str, str] = field(default_factory=dict)
 
     @cached_property
     def compiled(self) -> Law:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from pathlib import Path
 
 import numpy as np
@@ -12,37 +11,19 @@ from servo_models.data.description import read_description
 from servo_models.data.readers import read_columns
 from servo_models.errors import UserError
 from tests.conftest import Run
+from tests.support.dataflash import HEAD, flight_log
 
 pytest.importorskip("pymavlink.DFReader")
 
-HEAD = b"\xa3\x95"
-FMT, FMTU, CSRV, RCOU = 128, 129, 130, 131
 TIMES = 0.02 * np.arange(200)
-"""Source: ArduPilot, libraries/AP_Logger/LogStructure.h: FMT, FMTU with # for the field of an
-instance, CSRV and RCOU, shortened."""
-
-
-def described(kind: int, size: int, name: str, form: str, fields: str) -> bytes:
-    body = struct.pack("<BB4s16s64s", kind, size, name.encode(), form.encode(), fields.encode())
-    return HEAD + bytes([FMT]) + body
 
 
 def log(path: Path) -> Path:
     """Two servos, of which the second has every goal a row late, and the pulses of RCOU."""
-    content = described(FMT, 89, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns")
-    content += described(FMTU, 44, "FMTU", "QBNN", "TimeUS,FmtType,UnitIds,MultIds")
-    content += described(CSRV, 20, "CSRV", "QBff", "TimeUS,Id,Pos,PosCmd")
-    content += described(RCOU, 15, "RCOU", "QHH", "TimeUS,C1,C2")
-    units = struct.pack("<QB16s16s", 0, CSRV, b"s#--", b"F---")
-    content += HEAD + bytes([FMTU]) + units
-    for k, time in enumerate(TIMES):
-        stamp = 5_000_000 + round(1e6 * time)
-        for servo in (1, 2):
-            row = struct.pack("<QBff", stamp, servo, goal(k - servo), goal(k))
-            content += HEAD + bytes([CSRV]) + row
-        content += HEAD + bytes([RCOU]) + struct.pack("<QHH", stamp, 1500, 1500 + k)
-    path.write_bytes(content)
-    return path
+    rows = range(len(TIMES))
+    commanded = np.array([goal(k) for k in rows])
+    measured = {servo: np.array([goal(k - servo) for k in rows]) for servo in (1, 2)}
+    return flight_log(path, TIMES, {servo: (it, commanded) for servo, it in measured.items()})
 
 
 def goal(row: int) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import fmpy
@@ -129,6 +130,63 @@ def test_a_joint_of_mujoco_follows_its_equation(tmp_path: Path) -> None:
     swing = np.cos(turn * TIMES) + damping * omega / turn * np.sin(turn * TIMES)
     exact = 0.5 * (1.0 - np.exp(-damping * omega * TIMES) * swing)
     np.testing.assert_allclose(found["angle"], exact, atol=0.01 * 0.5)
+
+
+@pytest.mark.parametrize(
+    ("actuator", "unit", "changed", "torque", "drag"),
+    [
+        ('<motor joint="elbow" gear="3"/>', "1", {"gear": 2.0}, 2.0, 0.0),
+        (
+            '<dcmotor joint="elbow" gear="2" motorconst="0.3" resistance="9"/>',
+            "V",
+            {"resistance": 2.0, "motorconst": 0.5},
+            2.0 * 0.5 / 2.0,
+            (2.0 * 0.5) ** 2 / 2.0,
+        ),
+    ],
+    ids=["motor", "dcmotor"],
+)
+def test_a_motor_of_mujoco_follows_its_equation(
+    actuator: str,
+    unit: str,
+    changed: dict[str, float],
+    torque: float,
+    drag: float,
+    tmp_path: Path,
+) -> None:
+    """0.01 y'' + (0.3 + drag) y' = torque u, solved exactly for a step."""
+    pytest.importorskip("mujoco", minversion="4.0")  # which has dcmotor
+    text = re.sub("<position[^>]*>", actuator, MJCF)
+    (tmp_path / "arm.xml").write_text(text.replace('range="-2 2"', ""))
+    chosen = model(f"{tmp_path / 'arm.xml'}#elbow", None, changed)
+    assert chosen.plant.wire["command"].unit == unit
+    found = simulate(chosen, TIMES, {"command": 0.1})
+    tau = 0.01 / (0.3 + drag)
+    exact = 0.1 * torque / (0.3 + drag) * (TIMES - tau * (1.0 - np.exp(-TIMES / tau)))
+    np.testing.assert_allclose(found["angle"], exact, atol=0.01 * exact[-1])
+
+
+@pytest.mark.parametrize(
+    ("actuator", "rate"),
+    [
+        ('<pid joint="elbow" kp="5" kv="0.1" input="pos"/>', "kv"),
+        (
+            '<dcmotor joint="elbow" motorconst="1" resistance="2" input="pos" controller="5"/>',
+            "kd",
+        ),
+    ],
+    ids=["pid", "dcmotor"],
+)
+def test_a_servo_of_another_kind_moves_as_the_position_servo(
+    actuator: str, rate: str, tmp_path: Path
+) -> None:
+    pytest.importorskip("mujoco", minversion="4.0")  # which has pid and dcmotor
+    (tmp_path / "arm.xml").write_text(MJCF)
+    (tmp_path / "other.xml").write_text(re.sub("<position[^>]*>", actuator, MJCF))
+    expected = simulate(model(f"{tmp_path / 'arm.xml'}#elbow"), TIMES, {"command": 0.5})
+    other = model(f"{tmp_path / 'other.xml'}#elbow", None, {"kp": 20.0, rate: 0.2})
+    found = simulate(other, TIMES, {"command": 0.5})
+    np.testing.assert_allclose(found["angle"], expected["angle"], atol=1e-3)
 
 
 WRONG = {

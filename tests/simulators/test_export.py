@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 
@@ -14,10 +15,11 @@ from servo_models.diagnosis.comparison.compare import compare
 from servo_models.errors import UserError
 from servo_models.simulators import simulators
 from servo_models.simulators.export import export
-from servo_models.simulators.sections import export_report
+from servo_models.simulators.sections import ExportDocument
 from servo_models.simulators.simulator import EXACT, LOST, NO_FIELD, Simulator
 from tests.conftest import Run
-from tests.support.document import ROOT, follow
+from tests.support.document import ROOT, code_blocks, follow
+from tests.support.schemas import check_schema
 
 UAV = ROOT / "examples" / "uav"
 PAGE = (ROOT / "docs" / "simulators.md").read_text(encoding="utf-8")
@@ -67,13 +69,26 @@ def test_jsbsim_recovers_lag_and_rate(tmp_path: Path) -> None:
     assert {it.degree for it in found.held.values()} == {EXACT}
 
 
+def test_jsbsim_takes_the_stops_as_they_are(tmp_path: Path) -> None:
+    """And fits the rest as without them: the large steps go beyond them."""
+    speed = 4.0  # rad/s
+    ahead = {"command_lag.time_constant": 0.1, "rate_limit.rate": speed}
+    fast = {**MOTION, "natural_frequency": 1000.0, "damping_ratio": 1.0, "speed_limit": 1e4}
+    values = {**fast, **ahead, "end_stops.half_range": 0.25}
+    found = export(written(tmp_path, values), "jsbsim")
+    assert found.values["lag"] == pytest.approx(1.0 / 0.1, rel=0.03)
+    assert found.values["rate_limit"] == pytest.approx(speed, rel=0.03)
+    assert "<clipto><min>-0.25</min><max>0.25</max></clipto>" in found.lines
+    assert found.errors[0].native_to_diagnosed < 0.1 * speed * found.step  # a tenth of a frame
+
+
 def test_what_is_lost_is_said_and_the_rest_is_in_words(tmp_path: Path) -> None:
     found = export(written(tmp_path, {**MOTION, "backlash.half_width": 0.02}), "isaaclab")
     assert {name: it.degree for name, it in found.held.items()} == {
         "transport_delay": EXACT,
         "backlash": LOST,
     }
-    text = str(export_report(found))
+    text = str(found)
     assert "lost: backlash; the FMU" in text
     assert "one body" in text
 
@@ -88,7 +103,7 @@ def test_on_a_log_the_errors_are_those_of_the_comparison() -> None:
     assert (error.nominal, error.diagnosed) == pytest.approx((nominal, diagnosed))
     assert error.diagnosed < error.native < error.nominal  # it has the delay and not the play
     assert found.kept == pytest.approx((nominal - error.native) / (nominal - diagnosed))
-    assert f"keeps {100.0 * found.kept:.0f} % of the closed gap" in str(export_report(found))
+    assert f"keeps {100.0 * found.kept:.0f} % of the closed gap" in str(found)
 
 
 def test_the_command_writes_lines(tmp_path: Path, run: Run) -> None:
@@ -97,8 +112,18 @@ def test_the_command_writes_lines(tmp_path: Path, run: Run) -> None:
     assert code == 0
     assert "SIM_SERVO_" not in said.partition("Effects")[0]
     assert out.read_text().startswith("# SIM_RATE_HZ 1200\nSIM_SERVO_SPEED,")
-    code, said, _ = run("export", path, "--to", "jsbsim", "--time-step", "2.5 ms")
+    json_file = tmp_path / "servo.json"
+    words = ("--time-step", "2.5 ms", "--json", json_file)
+    code, said, _ = run("export", path, "--to", "jsbsim", *words)
     assert (code, "frames of 0.0025 s" in said) == (0, True)
+    told = json.loads(json_file.read_text())
+    check_schema(told, ExportDocument)
+    assert told["lines"] in said
+    assert told["effects"]["transport_delay"] == {"held": EXACT, "by": "delay, in whole frames"}
+    assert (told["command"], told["command_unit"]) == ("goal", "rad")
+    assert (told["slope"], told["zero"]) == (1.0, 0.0)
+    assert (told["time_step"], told["inertia"]) == (0.0025, MASS)
+    assert (told["kept"], told["errors"][0]["nominal"]) == (None, None)
 
 
 def test_what_cannot_be_exported_is_told_with_the_cure(tmp_path: Path, run: Run) -> None:
@@ -110,6 +135,7 @@ def test_what_cannot_be_exported_is_told_with_the_cure(tmp_path: Path, run: Run)
         ([path, "--to", "mujoco", "--time-step", "1 s"], "give one from"),
         ([path, "--to", "mujoco", "--log", bench], "is of 'sg90', variant 'measured'"),
         ([path, "--to", "mujoco", "--out", path], "is read, not written"),
+        ([path, "--to", "mujoco", "--json", path], "let the name end in .json"),
         ([tmp_path / "none.toml", "--to", "mujoco"], "none.toml"),
         ([written(motor, {}, "torque_motor"), "--to", "mujoco"], "build its FMU"),
     ):
@@ -157,6 +183,8 @@ def test_the_examples_of_the_page(
     (tmp_path / "arm.xml").write_text(PAGE.split("```xml\n")[1].split("```")[0])
     monkeypatch.chdir(tmp_path)
     assert len(follow(PAGE, run)) == 3
+    (code,) = code_blocks(PAGE, "python")
+    exec(code)
 
 
 def described(folder: Path, constants: tuple[str, ...] = ("",), output: str = "rate") -> Path:

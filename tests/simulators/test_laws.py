@@ -9,13 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.signal import butter, lfilter
 
 from servo_models.core.types import Array
 from servo_models.simulators import simulator
 from servo_models.simulators.refit import delayed
 from servo_models.simulators.simulator import DELAY
-from tests.support.engines import jsbsim_angles, mujoco_angles, mujoco_model
+from tests.support.engines import ardupilot_angles, jsbsim_angles, mujoco_angles, mujoco_model
 
 INERTIA = 0.003  # kg m2
 COUNT = 800
@@ -77,9 +76,17 @@ def test_mujoco_moves_the_joint_as_the_law_says(fields: Fields) -> None:
         {"deadband_width": 0.1},
         {"hysteresis_width": 0.2},
         {"bias": 0.1},
+        {"clipto": 0.6},
         {"delay": 1.0},
         {"delay": 7.0},
-        {"lag": 20.0, "rate_limit": 3.0, "hysteresis_width": 0.05, "bias": 0.02, "delay": 3.0},
+        {
+            "lag": 20.0,
+            "rate_limit": 3.0,
+            "hysteresis_width": 0.05,
+            "bias": 0.02,
+            "clipto": 0.7,
+            "delay": 3.0,
+        },
     ],
     ids="+".join,
 )
@@ -128,32 +135,6 @@ def test_isaac_lab_moves_as_written_a_second_time(fields: Fields) -> None:
     assert again == pytest.approx(angles, abs=1e-9)
 
 
-def ardupilot(lines: str, step: float) -> Array:
-    """SITL's ServoModel from the parameters as printed; scipy's Butterworth filter."""
-    told = dict(re.findall(r"SIM_SERVO_(\w+),([\d.e-]+)", lines))
-    speed, delay, cutoff = (float(told[name]) for name in ("SPEED", "DELAY", "FILTER"))
-    if delay == 0.0 and cutoff == 0.0:
-        reached, angles = 0.0, []
-        for wanted in GOAL:
-            reached += (wanted - reached) * step / (step + speed)
-            angles.append(reached)
-        return np.array(angles)
-    moved, angles = 0.0, []
-    size = max(1, int(delay / step))
-    buffer: deque[float] = deque()
-    for wanted in GOAL:
-        while delay > 0.0 and len(buffer) < size:
-            buffer.append(wanted)
-        late = buffer.popleft() if delay > 0.0 else wanted
-        reach = math.radians(60.0) / speed * step if speed else math.inf
-        moved = float(np.clip(late, moved - reach, moved + reach))
-        angles.append(moved)
-    slewed = np.array(angles)
-    if cutoff:
-        slewed = lfilter(*butter(2, cutoff, fs=1.0 / step), slewed)
-    return slewed
-
-
 @pytest.mark.parametrize(
     "fields",
     [
@@ -167,4 +148,4 @@ def ardupilot(lines: str, step: float) -> Array:
 def test_ardupilot_moves_as_written_a_second_time(fields: Fields) -> None:
     lines, step, angles = law("ardupilot", fields)
     assert np.ptp(angles) > 0.3
-    assert ardupilot(lines, step) == pytest.approx(angles, abs=1e-9)
+    assert ardupilot_angles(lines, step, GOAL) == pytest.approx(angles, abs=1e-9)

@@ -14,9 +14,9 @@ from servo_models.data.parameters import read_parameters, write_parameters
 from servo_models.diagnosis.diagnose import diagnose
 from servo_models.errors import UserError
 from servo_models.simulators import simulator
-from servo_models.simulators.nominal import nominal
+from servo_models.simulators.nominal import import_nominal as nominal
 from tests.conftest import Run
-from tests.support.engines import mujoco_angles
+from tests.support.engines import jsbsim_angles, mujoco_angles
 
 ROBOT = """<mujoco><compiler angle="{angle}"/>
 <option integrator="implicitfast" timestep="0.0002"/>
@@ -55,31 +55,51 @@ def robot(
     return str(path)
 
 
+LAGGED = '<position joint="wrist" kp="2" kv="0.09" forcerange="-0.3 0.3" timeconst="0.01"/>'
+PID = '<pid class="arm" joint="elbow" kp="3" kv="0.01" gear="2" slewmax="6" input="pos"/>'
+MOTOR = '<motor joint="wrist" gear="{}" armature="1e-4" damping="1e-3"/>'
+DC = '<dcmotor joint="wrist" gear="10" motorconst="0.02" resistance="2" {}/>'
+POSITION = 'input="pos" controller="0.03 0 0.002'
+NOMINAL = 'joint="wrist" gear="-10" nominal="12 0.12 600" inductance="0 3e-3"'
+
+
 @pytest.mark.parametrize(
-    "actuator",
+    ("actuator", "command", "size", "within"),
     [
-        ELBOW,  # damping by the joint, force limited: the largest speed is their ratio
-        '<position joint="wrist" kp="2" kv="0.09" forcerange="-0.3 0.3" timeconst="0.01"/>',
-        '<pid class="arm" joint="elbow" kp="3" kv="0.01" gear="2" input="pos"/>',
+        # damping by the joint, force limited: the largest speed is their ratio
+        (ELBOW, "goal", 1.0, 0.02),
+        (LAGGED, "goal", 1.0, 0.02),
+        (PID, "goal", 1.0, 0.02),
+        ('<position joint="wrist" kp="2" kv="0.1" damping="0.1"/>', "goal", 1.0, 1e-3),
+        (MOTOR.format(3), "current_command", 0.02, 1e-3),
+        (MOTOR.format(-3), "current_command", 0.02, 1e-3),
+        (DC.format('armature="1e-5" damping="1e-6"'), "voltage", 6.0, 1e-3),
+        (DC.format('inductance="0.02" ctrlrange="-4 4"'), "voltage", 6.0, 1e-3),
+        (f'<dcmotor {NOMINAL} delay="0.004" nsample="20"/>', "voltage", 6.0, 1e-3),
+        (DC.format(f'{POSITION}"'), "goal", 6.0, 1e-3),
+        (DC.format(f'{POSITION} 30 0 0" saturation="0.05"'), "goal", 6.0, 1e-3),
+        (DC.format(f'{POSITION}" saturation="0 2"'), "goal", 6.0, 1e-3),
+        (DC.format(f'{POSITION} 0 0 12"'), "goal", 6.0, 0.01),  # torque falls with speed there
     ],
-    ids=["damping", "kv", "gear"],
 )
-def test_the_model_moves_as_mujoco_moves_the_joint(actuator: str, tmp_path: Path) -> None:
+def test_the_model_moves_as_mujoco_moves_the_joint(
+    actuator: str, command: str, size: float, within: float, tmp_path: Path
+) -> None:
     """But for a friction loss, which is a soft constraint there, and a least of damping here."""
-    pytest.importorskip("mujoco", minversion="4.0")  # which has pid
+    pytest.importorskip("mujoco", minversion="4.0")  # which has pid and dcmotor
     path = robot(tmp_path, actuator, inertia=0.002)
     joint = "wrist" if "wrist" in actuator else "elbow"
     found = nominal(f"{path}#{joint}", "0.002 kg.m2").model()
     step = 2e-4
     times = step * np.arange(5000)
-    goal = np.where(times < 0.02, 0.0, np.where(times < 0.5, 1.0, -0.4))
+    goal = size * np.where(times < 0.02, 0.0, np.where(times < 0.5, 1.0, -0.4))
     model = Path(path).read_text()
     other = "hand" if joint == "elbow" else "upper"
     cut = model.index(f'<body name="{other}"'), model.index("</body>", model.index(f'"{other}"'))
     engine = mujoco_angles(model[: cut[0]] + model[cut[1] + 7 :], goal, np.zeros(5000))
-    ours = simulate(found, times, {"goal": goal})["angle"]
+    ours = simulate(found, times, {command: goal})["angle"]
     assert np.ptp(engine) > 0.5
-    assert ours == pytest.approx(engine, abs=0.02 * np.ptp(engine))
+    assert ours == pytest.approx(engine, abs=within * np.ptp(engine))
 
 
 @pytest.mark.thorough
@@ -141,6 +161,26 @@ def test_an_actuator_of_jsbsim_in_degrees(tmp_path: Path) -> None:
     assert found["transport_delay.time"] == pytest.approx(5.0 / 120.0)  # as its engine runs six
 
 
+def test_the_model_moves_as_jsbsim_moves_the_actuator(tmp_path: Path) -> None:
+    """Within two frames of the fastest motion; the goal goes beyond the nearer end of clipto."""
+    pytest.importorskip("jsbsim")
+    lines = (
+        '<actuator name="fcs/servo"><input>fcs/goal</input><lag>20</lag><rate_limit>3</rate_limit>'
+        "<delay>0.05</delay><clipto><min>-0.4</min><max>0.5</max></clipto></actuator>"
+    )
+    (tmp_path / "servo.xml").write_text(f"<system>{lines}</system>")
+    found = nominal(f"{tmp_path / 'servo.xml'}")
+    (uneven,) = found.warnings
+    assert "-0.4 to 0.5" in uneven
+    step = 1.0 / 120.0
+    times = step * np.arange(360)
+    goal = np.where(times < 0.1, 0.0, np.where(times < 1.2, 0.3, -1.0)) + 0.1 * (times > 2.0)
+    engine = jsbsim_angles(lines, step, goal, tmp_path)
+    ours = simulate(found.model(), times, {"goal": goal})["angle"]
+    assert engine.min() == -0.4
+    assert ours == pytest.approx(engine, abs=2.0 * 3.0 * step)
+
+
 def test_what_is_exported_can_be_read_again(tmp_path: Path) -> None:
     """A joint without limits, as a configuration writes it: a limit that no joint reaches."""
     fields = {it.name: 0.0 for it in simulator("isaaclab").fields}
@@ -188,7 +228,7 @@ def test_the_command_writes_a_parameter_file(tmp_path: Path, run: Run) -> None:
 
 
 BOMB = '<!DOCTYPE x [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;">]><mujoco><x y="&b;"/></mujoco>'
-MOTOR = '<motor joint="wrist"/>'
+PASSIVE = DC.format('input="none"')
 
 
 @pytest.mark.parametrize(
@@ -197,13 +237,18 @@ MOTOR = '<motor joint="wrist"/>'
         ("a.xml", None, "#elbw", "did you mean 'elbow'?"),
         ("a.xml", ELBOW + '<position joint="wrist"/>', "", "name it, FILE#NAME; known: elbow"),
         ("a.xml", ELBOW, "#wrist", "joint 'wrist' has no actuator"),
-        ("a.xml", MOTOR, "#wrist", "is driven by <motor>"),
+        ("a.xml", '<velocity joint="wrist"/>', "#wrist", "is driven by <velocity>"),
+        ("a.xml", '<dcmotor joint="wrist"/>', "", "has no motorconst and resistance"),
+        ("a.xml", PASSIVE, "", "has input 'none': give one with voltage or pos"),
+        ("a.xml", DC.format('input="pos" controller="1 2"'), "", "integral gain"),
+        ("a.xml", '<motor joint="wrist" gear="0"/>', "", "gear of joint 'wrist' is 0"),
+        ("a.xml", '<position joint="wrist" kp="-1" dampratio="1"/>', "", "no stiffness"),
         ("a.xml", '<position joint="wrist" kp="stiff"/>', "", "kp of joint 'wrist' is 'stiff'"),
         ("a.xml", '<position joint="wrist" kp="nan"/>', "", "give a number"),
         ("a.xml", '<pid joint="wrist" ki="3"/>', "", "integral gain"),
         ("b.xml", BOMB, "", "document type or entities"),
         ("b.xml", "<mujoco", "", "no XML"),
-        ("b.xml", "<mujoco/>", "", "no hinge joint with a servo in it"),
+        ("b.xml", "<mujoco/>", "", "no hinge joint with an actuator in it"),
         ("b.xml", ACTUATOR.replace("20", "fcs/lag"), "", "lag of actuator 'fcs/elevator-deg' is"),
         ("c.py", CONFIGURATION, "#arm", "no stiffness"),
         ("c.py", CONFIGURATION, "#n", "stiffness of '?[31mneck' is no number"),
@@ -232,9 +277,30 @@ def test_what_cannot_be_read_is_told_with_the_cure(
     assert "\x1b" not in err
 
 
-def test_a_joint_without_inertia_asks_for_it(tmp_path: Path) -> None:
-    path = robot(tmp_path, '<position joint="wrist"/>')
+def test_what_a_motor_has_and_ours_has_not_is_said(tmp_path: Path) -> None:
+    motor = robot(tmp_path, DC.format('cogging="0.01 8" thermal="1 2"'))
+    (left_out,) = nominal(f"{motor}#wrist").warnings
+    assert "cogging, thermal of joint 'wrist' left out" in left_out
+    motor = robot(tmp_path, '<motor joint="wrist" gear="3" ctrlrange="-1 1"/>')
+    unit, limit = nominal(f"{motor}#wrist").warnings
+    assert "1 A is what a control of 1 does" in unit
+    assert "ctrlrange" in limit
+
+
+def test_the_size_of_a_motor_chooses_the_variant(tmp_path: Path) -> None:
+    """A friction of 0.3 N m is within the bounds of a motor with a gearbox alone."""
+    path = Path(robot(tmp_path, DC.format("")))
+    assert nominal(f"{path}#wrist").variant == "direct"
+    path.write_text(path.read_text().replace('name="wrist"', 'name="wrist" frictionloss="0.3"'))
+    assert nominal(f"{path}#wrist").variant == "geared"
+
+
+@pytest.mark.parametrize("actuator", ['<position joint="wrist"/>', DC.format("")])
+def test_a_joint_without_inertia_asks_for_it(actuator: str, tmp_path: Path) -> None:
+    path = robot(tmp_path, actuator)
     Path(path).write_text(Path(path).read_text().replace('armature="0.001"', ""))
     with pytest.raises(UserError, match="--inertia"):
         nominal(path)
-    assert nominal(path, "20 g.cm2").settings()["inertia"] == pytest.approx(2e-6)
+    given = nominal(path, "20 g.cm2").settings()
+    carried = given.get("inertia", given.get("rotor_inertia", 0.0) * 10.0**2)  # gear
+    assert carried == pytest.approx(2e-6)

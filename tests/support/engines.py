@@ -1,11 +1,18 @@
-"""Exported lines in minimal models of the engines themselves; each needs its package."""
+"""Exported lines in minimal models of the engines themselves; each needs its package.
+
+ArduPilot has none: its law is written a second time, independently of the package.
+"""
 
 from __future__ import annotations
 
+import math
+import re
+from collections import deque
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.signal import butter, lfilter
 
 from servo_models.core.types import Array
 
@@ -52,7 +59,7 @@ def jsbsim_angles(lines: str, step: float, goal: Array, folder: Path) -> Array:
     """Output of the actuator after each frame of the engine, shape (n,)."""
     import jsbsim
 
-    (folder / "aircraft" / "servo").mkdir(parents=True)
+    (folder / "aircraft" / "servo").mkdir(parents=True, exist_ok=True)
     channel = lines.replace("fcs/servo-goal", "fcs/goal")
     (folder / "aircraft" / "servo" / "servo.xml").write_text(JSBSIM.format(channel))
     engine = jsbsim.FGFDMExec(str(folder), None)
@@ -67,3 +74,29 @@ def jsbsim_angles(lines: str, step: float, goal: Array, folder: Path) -> Array:
         engine.run()
         angles.append(engine["fcs/servo"])
     return np.array(angles)
+
+
+def ardupilot_angles(lines: str, step: float, goal: Array) -> Array:
+    """SITL's ServoModel from the parameters as printed; scipy's Butterworth filter."""
+    told = dict(re.findall(r"SIM_SERVO_(\w+),([\d.e-]+)", lines))
+    speed, delay, cutoff = (float(told[name]) for name in ("SPEED", "DELAY", "FILTER"))
+    if delay == 0.0 and cutoff == 0.0:
+        reached, angles = 0.0, []
+        for wanted in goal:
+            reached += (wanted - reached) * step / (step + speed)
+            angles.append(reached)
+        return np.array(angles)
+    moved, angles = 0.0, []
+    size = max(1, int(delay / step))
+    buffer: deque[float] = deque()
+    for wanted in goal:
+        while delay > 0.0 and len(buffer) < size:
+            buffer.append(wanted)
+        late = buffer.popleft() if delay > 0.0 else wanted
+        reach = math.radians(60.0) / speed * step if speed else math.inf
+        moved = float(np.clip(late, moved - reach, moved + reach))
+        angles.append(moved)
+    slewed = np.array(angles)
+    if cutoff:
+        slewed = lfilter(*butter(2, cutoff, fs=1.0 / step), slewed)
+    return slewed
