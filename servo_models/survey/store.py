@@ -84,8 +84,9 @@ class Store:
         """Return what is kept of a job, None for nothing, or what no survey has written."""
         return read_outcome(self.path(key))
 
-    def put(self, outcome: Outcome, page: bytes) -> None:
-        """Keep what came of a job; its page first, so that what is done has one.
+    def put(self, outcome: Outcome, page: bytes) -> Outcome:
+        """Keep what came of a job, its page first, so that what is done has one; return what stays
+        in memory.
 
         Raises:
             UserError: the disk is full, or may not be written.
@@ -93,6 +94,7 @@ class Store:
         if page:
             write_whole(self.folder / REPORTS / f"{outcome.key}.html", page)
         write_whole(self.path(outcome.key), msgspec.json.encode(outcome))
+        return _light(outcome)
 
     @contextmanager
     def claimed(self, key: str) -> Iterator[bool]:
@@ -107,7 +109,14 @@ def read_outcome(path: Path) -> Outcome | None:
         outcome = msgspec.json.decode(path.read_bytes(), type=Outcome)
     except (OSError, msgspec.DecodeError):
         return None
-    return outcome if outcome.schema_version == VERSION else None
+    if outcome.schema_version != VERSION:
+        return None
+    return _light(outcome)
+
+
+def _light(outcome: Outcome) -> Outcome:
+    """Without its diagnosis: those of ten thousand jobs stay in their files."""
+    return msgspec.structs.replace(outcome, diagnosis=msgspec.Raw(b"null"))
 
 
 def read_outcomes(folder: Path) -> tuple[Outcome, ...]:

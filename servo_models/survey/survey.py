@@ -20,8 +20,9 @@ from servo_models.survey.store import Store, key_of, read_outcomes
 
 __all__ = ["Survey", "survey"]
 
-Tell = Callable[[int, int, str], None]
-"""Is told jobs done, jobs in all, and what goes on."""
+Tell = Callable[[int, int | None, str], None]
+"""Is told how many jobs were done before this one, how many there are, and what came of it; at
+first, without these numbers, what there is to do."""
 FIRST_GUESS_SECONDS = 8.0  # that a job takes, before any is done
 POLL_SECONDS = 0.5  # between looks at what another process has in hand
 
@@ -114,8 +115,7 @@ class _Work:
             self.jobs[key] = job
             known = store.get(key)
             if one.failure and known is None:
-                known = failed(job, one.failure, 0.0)
-                store.put(known, b"")
+                known = store.put(failed(job, one.failure, 0.0), b"")
             if known is not None:
                 self.outcomes[key] = known
 
@@ -132,12 +132,12 @@ class _Work:
         seconds = [outcome.seconds for outcome in self.outcomes.values() if not outcome.failure]
         each = sum(seconds) / len(seconds) if seconds else FIRST_GUESS_SECONDS
         left = _duration(each * (every - before) / processes)
-        self.tell(before, every, f"{about}, {every - before} to do, about {left} {where}")
+        self.tell(0, None, f"{about}, {every - before} to do, about {left} {where}")
         with ExitStack() as claims:
             while len(self.outcomes) < every:
                 with closing(engine(self._todo(claims))) as results:
                     for job, outcome, page in results:
-                        self.store.put(outcome, page)
+                        self.outcomes[job.key] = self.store.put(outcome, page)
                         self.claims.pop(job.key).close()
                         self._count(job, outcome, before)
                 self._look()
@@ -156,12 +156,11 @@ class _Work:
                 claim.close()
 
     def _count(self, job: Job, outcome: Outcome, before: int) -> None:
-        self.outcomes[job.key] = outcome
         done, every = len(self.outcomes), len(self.jobs)
         each = (time.monotonic() - self.begin) / (done - before)
         said = outcome.failure or outcome.sentence
         left = _duration(each * (every - done))
-        self.tell(done, every, f"{left} left; {job.unit} {job.joint}: {said}")
+        self.tell(done - 1, every, f"{left} left; {job.unit} {job.joint}: {said}")
 
     def _look(self) -> None:
         """Take over what other processes have done meanwhile."""

@@ -279,7 +279,11 @@ class Bench:
             (place.work / name).write_bytes(OLD)
         killed = run(self.command.words, place, at, delay)
         if killed.code >= 0:  # it was done before its time had come
-            return "" if killed.code == self.expected.code else f"ended with {killed.code}: {killed.said[-300:]}"
+            return (
+                ""
+                if killed.code == self.expected.code
+                else f"ended with {killed.code}: {killed.said[-300:]}"
+            )
         self.killed += 1
         before: tuple[object, ...] = (OLD,) if over else (None,)
         try:
