@@ -263,7 +263,8 @@ class Model:
             return self._ran(vector, state, times, inputs, most)[0]
 
         def run(state: Array, times: Array, inputs: Array) -> Array:
-            return self._ran(vector, state, times, inputs, most)[0]
+            # at steps of the box, of which there are any number between two rows
+            return self._ran(vector, state, times, inputs, math.inf)[0]
 
         values = dict(zip(self.values, vector.tolist()))
         return np.asarray(self.actuator.inner.ran(run, values, state, times, inputs))

@@ -21,6 +21,7 @@ from cachetools import LRUCache
 from servo_models.core.types import Array
 
 KEPT = 256  # latest answers of a box that are kept
+PARTS = 2  # of a step, in the middle of which what is sent is looked at
 Run = Callable[[Array, Array, Array], Array]
 """A run of the plant: state, times, inputs -> outputs."""
 
@@ -107,18 +108,29 @@ class Around:
         grid, rows = finer(times, self.box.step)
         given = np.asarray(inputs, dtype=float)[held(times, grid)].copy()
         given[:, sent:] = 0.0  # what is read says nothing yet
-        out = run(state.copy(), grid, given)
-        before = out[:, read : read + sent]
-        # an output at the end of an interval shows what was sent in it
-        command = np.vstack([before[1:], before[-1:]])
-        answer = self._answer(values, grid, command)
-        given[:, sent : sent + read] = answer
-        steps = np.gradient(answer, axis=0) if len(grid) > 1 else np.zeros_like(answer)
-        given[:, sent + read :] = steps / self.box.step
-        # a reading at a row is that of the input held before it: the first row stands twice
-        twice = np.concatenate([grid[:1], grid])
-        behind = run(state, twice, np.vstack([given, given[-1:]]))
-        return np.asarray(np.delete(behind, 1, axis=0)[rows])
+        answer = self._answer(values, grid, self._sent(run, state.copy(), grid, given))
+        steps, spans = np.diff(answer, axis=0), np.diff(grid)[:, None]
+        # a lag sees the mean of an interval, and at its end a reading is what it is there
+        behind = np.repeat(given, 2, axis=0)
+        behind[2::2, :sent] = given[:-1, :sent]
+        behind[::2, sent : sent + read] = answer
+        behind[1:-1:2, sent : sent + read] = answer[:-1] + 0.5 * steps
+        rates = np.divide(steps, spans, out=np.zeros_like(steps), where=spans > 0.0)
+        behind[1:-1, sent + read :] = np.repeat(rates, 2, axis=0)
+        return np.asarray(run(state, np.repeat(grid, 2), behind)[1::2][rows])
+
+    def _sent(self, run: Run, state: Array, times: Array, inputs: Array) -> Array:
+        """Return what the box is sent from each time to the next, on average, shape (n, sent).
+
+        Its end alone would be early where it ramps, and late where it jumps in between.
+        """
+        sent, read = len(self.box.inputs), len(self.box.outputs)
+        parts = np.arange(2 * PARTS) / (2 * PARTS)
+        inside = times[:-1, None] + np.diff(times)[:, None] * parts
+        every = np.repeat(inputs, 2 * PARTS, axis=0)[: inside.size + 1]
+        out = run(state, np.append(inside, times[-1]), every)[:, read : read + sent]
+        middles = out[1::2].reshape(len(inside), PARTS, sent)
+        return np.vstack([middles.mean(axis=1), out[-1:]])
 
     def _answer(self, values: Mapping[str, float], times: Array, command: Array) -> Array:
         parameters = {parameter.name: values[parameter.name] for parameter in self.box.parameters}

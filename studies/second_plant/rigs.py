@@ -311,7 +311,7 @@ def build(
         true=true,
         effects={},
         ticks=round(rows * 1e-3 / tick),
-        goals=_goals(1e-3 * rows, rng),
+        goals=goals(1e-3 * rows, rng),
         seed=int(rng.integers(2**31)),
     )
     for cause in causes:
@@ -455,7 +455,7 @@ TRIANGLE, CHIRP, LOWEST = 3.0, 4.0, 0.3
 """Length [s] of a triangle and of a chirp, and the frequency [Hz] with which that begins."""
 
 
-def _goals(step: float, rng: np.random.Generator) -> tuple[Array, ...]:
+def goals(step: float, rng: np.random.Generator) -> tuple[Array, ...]:
     """Steps in one log; a slow triangle and a chirp in another."""
     size = math.radians(float(rng.uniform(25.0, 50.0)))
     levels = size * rng.permutation([-1.0, -0.5, 0.1, 0.25, 0.6, 1.0])

@@ -93,6 +93,49 @@ def test_effects_around_a_function_act_by_their_law(
     np.testing.assert_allclose(found["angle"], expected, atol=1e-9)
 
 
+def ramp_of_first_order(times: Array, at: float, rate: float) -> Array:
+    """Exact."""
+    since = np.maximum(times - at, 0.0)
+    return rate * (since - TAU * (1.0 - np.exp(-since / TAU)))
+
+
+SINCE = np.maximum(TIMES - 0.1, 0.0)
+TWO_LAGS = 1.0 - (TAU * np.exp(-SINCE / TAU) - 0.03 * np.exp(-SINCE / 0.03)) / (TAU - 0.03)
+
+
+@pytest.mark.parametrize(
+    ("effect", "size", "expected", "most"),
+    [
+        ("command_lag.time_constant", 0.03, 0.5 * TWO_LAGS, 3e-4),
+        ("sensor_lag.time_constant", 0.03, 0.5 * TWO_LAGS, 3e-4),
+        (
+            "rate_limit.rate",
+            2.0,
+            ramp_of_first_order(TIMES, 0.1, 2.0) - ramp_of_first_order(TIMES, 0.35, 2.0),
+            3e-4,
+        ),
+        ("transport_delay.time", 0.021, step_of_first_order(TIMES, 0.121, 0.5), 2e-3),
+    ],
+)
+def test_effects_that_move_within_a_step_are_neither_early_nor_late(
+    tmp_path: Path, effect: str, size: float, expected: Array, most: float
+) -> None:
+    """Half a step, 1 ms, would be 2 to 10 mrad; a jump is placed to a quarter of that."""
+    chosen = model(first_order(tmp_path), None, {effect: size})
+    found = simulate(chosen, TIMES, {"goal": np.where(TIMES >= 0.1, 0.5, 0.0)})
+    np.testing.assert_allclose(found["angle"], expected, atol=most)
+
+
+def test_rows_far_apart_cost_a_box_no_effort_that_counts(tmp_path: Path) -> None:
+    """A search ends runs of many sub-steps, told from the rows; a box takes its own."""
+    chosen = model(first_order(tmp_path), None, {"internal_step": 0.05})
+    times = np.arange(0.0, 1.0, 0.05)
+    inputs, vector = np.full((len(times), 3), 0.5), np.array(list(chosen.values.values()))
+    most = 8.0 * chosen.substeps(vector, times, inputs)
+    found = chosen.from_rest(vector, times, inputs, most)[:, 0]
+    np.testing.assert_allclose(found, step_of_first_order(times, 0.0, 0.5), atol=1e-12)
+
+
 @given(st.lists(st.floats(0.0, 0.02), min_size=1, max_size=30), st.floats(1e-4, 5e-3))
 def test_a_finer_grid_holds_every_time_and_no_longer_step(steps: list[float], step: float) -> None:
     times = np.concatenate([[0.0], np.cumsum(steps)])

@@ -328,6 +328,31 @@ static void friction_outputs(Slave *s) { s->r[8] = s->x[0]; s->b[8] = s->x[0] !=
 /* constant: nothing moves */
 static void constant_outputs(Slave *s) { s->r[8] = is(s, "other") ? 4.19 : 4.2; }
 
+/* servo: a geared motor that a gain 16 holds at its goal; resistance 17, torque constant 18 and
+   inertia 19; states angle, speed and current */
+static void servo_start(Slave *s)
+{
+    s->r[16] = 20.0; s->r[17] = 2.0; s->r[18] = 0.4; s->r[19] = 4e-3;
+}
+static void servo_rates(const Slave *s, const double *x, double *f)
+{
+    double voltage = s->r[16] * (s->r[0] - x[0]);
+    f[0] = x[1];
+    f[1] = (s->r[18] * x[2] - 0.04 * x[1]) / s->r[19];
+    f[2] = (voltage - s->r[17] * x[2] - s->r[18] * x[1]) / 4e-3;
+}
+static void servo_advance(Slave *s, double h) { rk4(s, h, 3, servo_rates); }
+
+/* limited: frequency 16, damping 17 and largest speed 18 of a servo; states angle and speed */
+static void limited_start(Slave *s) { s->r[16] = 30.0; s->r[17] = 0.8; s->r[18] = 4.0; }
+static void limited_advance(Slave *s, double h)
+{
+    double w = s->r[16];
+    double push = w * w * (s->r[0] - s->x[0]) - 2.0 * s->r[17] * w * s->x[1];
+    s->x[1] = clip(s->x[1] + h * push, -s->r[18], s->r[18]);
+    s->x[0] += h * s->x[1];
+}
+
 static void none(Slave *s) { (void)s; }
 
 static const Model MODELS[] = {
@@ -352,6 +377,8 @@ static const Model MODELS[] = {
     {"pulses", 1.0, pulses_start, nothing, pulses_outputs},
     {"friction", 1e-4, none, friction_advance, friction_outputs},
     {"constant", 1.0, none, nothing, constant_outputs},
+    {"servo", 1e-3, servo_start, servo_advance, first_state},
+    {"limited", 5e-4, limited_start, limited_advance, first_state},
 };
 
 /* ---- faults of any model's first output ---- */

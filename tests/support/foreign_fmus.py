@@ -134,6 +134,7 @@ def _description2(one: Foreign, guid: str) -> str:
         f'<CoSimulation modelIdentifier="{one.model}"'
         f' canHandleVariableCommunicationStepSize="{str(one.any_step).lower()}"/>'
         f"{f'<UnitDefinitions>{units}</UnitDefinitions>' if units else ''}"
+        f'<DefaultExperiment stepSize="{one.step:g}"/>'
         f"<ModelVariables>{''.join(map(_variable2, one.variables))}</ModelVariables>"
         f"<ModelStructure><Outputs>{unknown}</Outputs>"
         f"<InitialUnknowns>{unknown}</InitialUnknowns></ModelStructure></fmiModelDescription>"
@@ -162,6 +163,7 @@ def _description3(one: Foreign, guid: str) -> str:
         f'<CoSimulation modelIdentifier="{one.model}"'
         f' canHandleVariableCommunicationStepSize="{str(one.any_step).lower()}"/>'
         f"{f'<UnitDefinitions>{units}</UnitDefinitions>' if units else ''}"
+        f'<DefaultExperiment stepSize="{one.step:g}"/>'
         '<ModelVariables><Float64 name="time" valueReference="999" causality="independent"/>'
         f"{''.join(map(_variable3, one.variables))}</ModelVariables>"
         f"<ModelStructure>{structure}</ModelStructure></fmiModelDescription>"
