@@ -8,7 +8,7 @@ from servo_models.actuators.wiring import input_scale, outside_sensor
 from servo_models.core.block import Block, Param
 from servo_models.core.catalogue import effects_on
 from servo_models.core.own_actuator import executed
-from servo_models.core.plant import Actuator, Placement, Plant, Variant, Wire, internal_step
+from servo_models.core.plant import Actuator, Placement, Plant, State, Variant, Wire, internal_step
 from servo_models.foreign.box import Around, Box, Signal
 
 COMMAND = (
@@ -57,8 +57,12 @@ def actuator_around(box: Box, file: Path) -> Actuator:
             *(_wire(one, f"sent_{one.name}") for one in box.inputs),
         ),
         chain=(*_sent(box.inputs), *_read(box.outputs)),
-        states=(),
-        outputs=(*(it.name for it in box.outputs), *(f"sent_{it.name}" for it in box.inputs)),
+        states=tuple(_total(one) for one in box.inputs),
+        outputs=(
+            *(it.name for it in box.outputs),
+            *(f"sent_{it.name}" for it in box.inputs),
+            *(f"total_{it.name}" for it in box.inputs),
+        ),
         constants={
             **internal_step(box.step, high=0.1),
             **{it.name: _param(it) for it in box.parameters},
@@ -117,6 +121,14 @@ def _wire(one: Signal, name: str = "") -> Wire:
     about = one.about or one.name.replace("_", " ")
     return Wire(
         name or one.name, one.unit, about, one.size, one.rest, display=DISPLAY.get(one.unit)
+    )
+
+
+def _total(one: Signal) -> State:
+    """What is sent, integrated: its mean over an interval is exact, wherever it jumps in there."""
+    unit = "s" if one.unit == "1" else f"{one.unit}.s"
+    return State(
+        Wire(f"total_{one.name}", unit, f"{one.name} in all", one.size), f"sent_{one.name}"
     )
 
 

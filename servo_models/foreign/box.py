@@ -21,7 +21,6 @@ from cachetools import LRUCache
 from servo_models.core.types import Array
 
 KEPT = 256  # latest answers of a box that are kept
-PARTS = 2  # of a step, in the middle of which what is sent is looked at
 Run = Callable[[Array, Array, Array], Array]
 """A run of the plant: state, times, inputs -> outputs."""
 
@@ -125,12 +124,11 @@ class Around:
         Its end alone would be early where it ramps, and late where it jumps in between.
         """
         sent, read = len(self.box.inputs), len(self.box.outputs)
-        parts = np.arange(2 * PARTS) / (2 * PARTS)
-        inside = times[:-1, None] + np.diff(times)[:, None] * parts
-        every = np.repeat(inputs, 2 * PARTS, axis=0)[: inside.size + 1]
-        out = run(state, np.append(inside, times[-1]), every)[:, read : read + sent]
-        middles = out[1::2].reshape(len(inside), PARTS, sent)
-        return np.vstack([middles.mean(axis=1), out[-1:]])
+        out = run(state, times, inputs)
+        value, total = out[:, read : read + sent], out[:, read + sent :]
+        spans = np.diff(times)[:, None]
+        means = np.divide(np.diff(total, axis=0), spans, out=value[1:].copy(), where=spans > 0.0)
+        return np.vstack([means, value[-1:]])
 
     def _answer(self, values: Mapping[str, float], times: Array, command: Array) -> Array:
         parameters = {parameter.name: values[parameter.name] for parameter in self.box.parameters}
