@@ -70,7 +70,7 @@ def test_a_raster_is_a_table_of_physical_values(
 
 def test_a_draft_takes_the_units_over_and_holds_a_slower_goal(run: Run, tmp_path: Path) -> None:
     path = bench(tmp_path / "bench.mf4")
-    code, out, err = run("check", path, "--init", "--actuator", "smart_servo")
+    code, _, err = run("check", path, "--init", "--actuator", "smart_servo")
     assert (code, err) == (0, "")
     text = path.with_suffix(".toml").read_text()
     assert text.count("# guessed") == 1  # the supply, which is no channel

@@ -1,9 +1,9 @@
 """MDF4 files of ASAM: the channels of one raster are a table, called like their channel group.
 
 A further group of that name is called ``name.1``, ``name.2`` and so on, one without a name
-``group``.  Times stand in ``time [s]``, and a channel's unit behind its name, ``angle [deg]``, which
-is called ``angle`` as well.  Values are physical, those that the file marks invalid are empty cells;
-items of an array are columns, ``field[0]``, and texts are left out.  Rows count from 1.
+``group``.  Times stand in ``time [s]``.  A channel has its unit behind its name, ``angle [deg]``,
+and is called ``angle`` as well.  Values are physical, invalid ones are empty cells; items of an
+array are columns, ``field[0]``, and texts are left out.  Rows count from 1.
 """
 
 from __future__ import annotations
@@ -19,14 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from servo_models.data.readers.columns import (
-    NUMBER,
-    Source,
-    Tables,
-    array_column,
-    extra,
-    unicode_of,
-)
+from servo_models.data.readers.columns import NUMBER, Source, Tables, array_column, extra
 from servo_models.errors import UserError
 from servo_models.files import check_size
 
@@ -64,7 +57,7 @@ def read(source: Source) -> Tables:
 
 
 class _Stream(io.BytesIO):
-    """A file that is read but ``left`` times: chains of damaged blocks may come back to themselves."""
+    """A file that is read ``left`` times at most: a damaged chain of blocks may have no end."""
 
     def __init__(self, content: bytes) -> None:
         super().__init__(content)
@@ -96,7 +89,7 @@ def _tables(source: Source, file: Any) -> Tables:
     rasters: dict[str, int] = {}
     again: Counter[str] = Counter()
     for number in file.virtual_groups:
-        name = of = unicode_of(file.groups[number].channel_group.acq_name) or "group"
+        name = of = file.groups[number].channel_group.acq_name or "group"
         while name in rasters:
             again[of] += 1
             name = f"{of}.{again[of]}"
@@ -136,10 +129,9 @@ def _columns(file: Any, places: list[tuple[int, int]]) -> tuple[list[pl.Series],
     for (group, place), signal in zip(places, signals):
         channel = file.groups[group].channels[place]
         is_time = channel.sync_type == TIMES and file.masters_db.get(group) == place
-        name = unicode_of(channel.name)
-        unit = f" [{unicode_of(signal.unit)}]" if signal.unit else ""
-        aliases[name] = TIME if is_time else name + unit
-        column = array_column(aliases[name], signal.samples.astype(np.float64))
+        unit = f" [{signal.unit}]" if signal.unit else ""
+        name = aliases[channel.name] = TIME if is_time else channel.name + unit
+        column = array_column(name, signal.samples.astype(np.float64))
         if signal.invalidation_bits is not None:
             column = column.set(pl.Series(np.asarray(signal.invalidation_bits)), None)
         columns.append(column)
