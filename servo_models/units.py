@@ -64,11 +64,11 @@ def _pint_name(unit: str) -> str:
             " between them, such as deg/s or N.m.s/rad2"
         )
     turns = re.sub(r"\brev\b|\br(?=/)", "turn", unit)  # as in rev/min and r/min
-    torques = re.sub(r"Nm\b", "N*m", turns)  # in pint a number of yarns
     return (
-        re.sub(r"([A-Za-z%])(\d)", r"\1**\2", torques)
+        re.sub(r"([A-Za-z%])(\d)", r"\1**\2", turns)
         .replace(".", "*")
         .replace("Ohm", "ohm")
+        .replace("Nm", "N*m")  # in pint a number of yarns
         .replace("%", "percent")
     )
 

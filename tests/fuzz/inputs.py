@@ -25,6 +25,7 @@ import functools
 import importlib
 import io
 import json
+import logging
 import os
 import pickle
 import random
@@ -183,6 +184,7 @@ def _dataflash(columns: Columns) -> bytes:
 def _mdf(columns: Columns) -> bytes:
     import asammdf
 
+    logging.getLogger("asammdf").disabled = True
     stream = io.BytesIO()
     (_, times), *others = ((name, np.array(list(values))) for name, values in columns.items())
     file = asammdf.MDF()
@@ -642,7 +644,8 @@ PLACE = re.compile(
 )
 WHOLE = re.compile(
     r"damaged|cannot read|no known format|is empty|has no|holds no|no text in UTF-8|too large"
-    r"|would take|no rows|no regular|no file|samples to use|no TOML|is no |deep"
+    r"|would take|no rows|no regular|no file|samples to use|no TOML|is no |deep|ends within"
+    r"|is a folder|does not tell"
 )
 CURE = re.compile(
     r"[;:,] (?:or )?(?:write|give|add|set|remove|correct|save|record|name|use|choose|take|keep|sort"
@@ -756,7 +759,8 @@ def run(words: tuple[str, ...], folder: Path, base: Base) -> Outcome:
     elif memory > LARGEST:
         fault = "memory"
     elif code == REFUSED:
-        lacks = is_good(_sentence(said), folder, [*base.files])
+        folders = {f"'{Path(name).parts[0]}'" for name in base.files}
+        lacks = is_good(_sentence(said), folder, [*base.files, *folders])
         fault = lacks and f"sentence without {lacks}"
     elif "logs are usable" in said and not _commands(folder / base.main):
         fault = "called usable"

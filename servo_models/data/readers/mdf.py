@@ -107,15 +107,12 @@ def _tables(source: Source, file: Any) -> Tables:
         ]
         size += NUMBER * raster.cycles_nr * len(places)
         check_size(source.path, size)
-        if places and _length(file, *places[-1]) != raster.cycles_nr:
-            raise source.damaged("MDF4")
+        for group, place in places[-1:]:  # ``select`` would make up the rows that lack
+            last = file.get(group=group, index=place, raw=True, ignore_invalidation_bits=True)
+            if len(last) != raster.cycles_nr:
+                raise source.damaged("MDF4")
         cells[name], aliases = _columns(file, places)
     return Tables(cells, aliases=aliases if len(cells) == 1 else {})
-
-
-def _length(file: Any, group: int, place: int) -> int:
-    """Number of values of a channel that there are; ``select`` makes up those that lack."""
-    return len(file.get(group=group, index=place, raw=True, ignore_invalidation_bits=True))
 
 
 def _columns(file: Any, places: list[tuple[int, int]]) -> tuple[list[pl.Series], dict[str, str]]:
