@@ -96,9 +96,7 @@ def write_joints(
         follows = bool(found_lags) and all(lag.follows for lag in found_lags)
         yield f"wrote '{file}': {said or STILL}{'' if follows else NO_GOAL}", not follows
     if not written:
-        raise UserError(
-            f"'{path}' has no joint that can be described: correct what is said of one above"
-        )
+        raise UserError(f"'{path}' has no joint that can be described: correct what is said above")
     doubts = dict.fromkeys(f"guessed, {it.guessed}: {it.doubt}" for it in files.values())
     for text in (*recorded.notes, *doubts):
         yield printable(text, LONGEST_SENTENCE), False
