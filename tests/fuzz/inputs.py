@@ -172,13 +172,10 @@ def _mcap_ros(columns: Columns) -> bytes:
 
 
 def _dataflash(columns: Columns) -> bytes:
-    _, *others = columns
-    fields, form = ",".join(["TimeUS", *others]), "Q" + "d" * len(others)
-    head = dataflash.THE_FIRST + dataflash.described(130, 11 + 8 * len(others), "RIG", form, fields)
-    for time_, *values in zip(*map(list, columns.values())):
-        row = struct.pack(f"<{form}", int(1e6 * float(time_)) % 2**64, *map(float, values))
-        head += dataflash.HEAD + b"\x82" + row
-    return head
+    times, command, angle = (np.array(list(values), float) for values in columns.values())
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "log.bin"
+        return dataflash.flight_log(path, times, {1: (angle, command)}).read_bytes()
 
 
 def _mdf(columns: Columns) -> bytes:
@@ -305,7 +302,11 @@ OF_BAGS = {
 NAMES = {
     "JSON lists": {'"t"': '"data.t"', '"command"': '"data.command"', '"angle"': '"data.angle"'},
     "ULog": {'"t"\nunit = "s"': '"timestamp"\nunit = "us"'},
-    "DataFlash": {'"t"\nunit = "s"': '"TimeUS"\nunit = "us"'},
+    "DataFlash": {
+        '"t"\nunit = "s"': '"TimeUS"\nunit = "us"\ntable = "CSRV[1]"',
+        '"command"': '"PosCmd"',
+        '"angle"': '"Pos"',
+    },
     "MDF4": {'"t"': '"time [s]"'},
     "LeRobot": {
         '"t"': '"timestamp"',
