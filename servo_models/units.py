@@ -68,6 +68,7 @@ def _pint_name(unit: str) -> str:
         re.sub(r"([A-Za-z%])(\d)", r"\1**\2", turns)
         .replace(".", "*")
         .replace("Ohm", "ohm")
+        .replace("Nm", "N*m")  # in pint a number of yarns
         .replace("%", "percent")
     )
 

@@ -38,6 +38,7 @@ from servo_models.units import exponents, factor, parse
         ("V/deg", "V/rad", 180.0 / math.pi),
         ("g.cm2", "kg.m2", 1e-7),
         ("N.m", "kg.m2/s2", 1.0),
+        ("mNm/rad", "N.m/rad", 1e-3),
         ("V.s", "Ohm.A.s", 1.0),
         ("H", "V.s/A", 1.0),
         ("%", "1", 0.01),

@@ -30,7 +30,7 @@ def disarmed() -> Iterator[None]:
     Names may come from foreign files, and a report may break its lines anywhere, so this looks at
     all that is written to stdout and stderr.
     """
-    streams = [stream for stream in (sys.stdout, sys.stderr) if isinstance(stream, io.TextIOBase)]
+    streams = [it for it in {sys.stdout, sys.stderr} if isinstance(it, io.TextIOBase)]
     for stream in streams:
         stream.write = _Disarming(stream)  # type: ignore[method-assign]
     try:

@@ -115,7 +115,8 @@ PIECE = st.sampled_from([":", "::", "#", "##", "[", "vso", " ", "\n", "\r", "\t"
 
 @given(st.lists(PIECE | st.text(max_size=3)))
 def test_whatever_is_written_in_pieces_commands_nothing(pieces: list[str]) -> None:
-    with contextlib.redirect_stdout(io.StringIO(newline="")) as stream:
+    stream = io.StringIO(newline="")  # for both, as somebody may have it who calls ``main``
+    with contextlib.redirect_stdout(stream), contextlib.redirect_stderr(stream):
         with disarmed():
             for piece in pieces:
                 sys.stdout.write(piece)

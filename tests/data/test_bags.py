@@ -164,21 +164,6 @@ def test_a_place_in_a_list_that_changes_is_no_column(tmp_path: Path) -> None:
         columns.index("position[1]")
 
 
-def test_a_joint_without_a_command_leaves_the_others(run: Run, tmp_path: Path) -> None:
-    def one(time: float) -> Message:
-        return ns(time), joint_state(EPOCH + ns(time), ["elbow"], [goals(time)[1]])
-
-    topics = {"/joint_states": sampled(state, 0.01, 2.0), "/cmd": sampled(one, 0.01, 2.0)}
-    code, out = init(run, bag(tmp_path / "rig", topics))
-    assert code == 1
-    assert "Warning: shoulder: no description, since '/joint_states' has its reading" in out
-    assert [file.name for file in tmp_path.glob("*.toml")] == ["rig_elbow.toml"]
-    code, out = init(run, bag(tmp_path / "none", {"/joint_states": sampled(state, 0.01, 2.0)}))
-    assert code == 2
-    assert "has no joint with a command and a reading" in out
-    assert "usable" not in out
-
-
 def test_a_bag_without_joints_is_a_log_like_others(run: Run, tmp_path: Path) -> None:
     def pulse(time: float) -> Message:
         return ns(time), wrench(goals(time)[0])
@@ -197,41 +182,6 @@ def test_a_bag_without_joints_is_a_log_like_others(run: Run, tmp_path: Path) -> 
     code, out = init(run, bag(tmp_path / "arm", topics), "--actuator", "torque_motor")
     assert "has no joint" not in out
     assert (tmp_path / "arm.toml").exists()
-
-
-def cut(path: Path, share: float) -> None:
-    content = path.read_bytes()
-    path.write_bytes(content[: int(share * len(content))])
-
-
-@pytest.mark.parametrize("storage", STORAGES)
-@pytest.mark.parametrize("share", [0.0, 0.3, 0.9])
-def test_a_truncated_bag_is_told(run: Run, tmp_path: Path, storage: str, share: float) -> None:
-    folder = bag(tmp_path / "rig", {"/arm/state": sampled(controller, 0.01, 2.0)}, storage)
-    for path in folder.iterdir():
-        if path.suffix != ".yaml":
-            cut(path, share)
-    code, out = init(run, folder)
-    assert code == 2
-    assert f"'{folder}' is damaged, cut short or no bag of ROS 2" in out
-    assert "\n" not in out.strip()
-
-
-@pytest.mark.parametrize("content", ["", "a: [", "rosbag2_bagfile_information: 3"])
-def test_damaged_metadata_is_told(run: Run, tmp_path: Path, content: str) -> None:
-    folder = bag(tmp_path / "rig", {"/arm/state": sampled(controller, 0.01, 2.0)})
-    (folder / "metadata.yaml").write_text(content)
-    code, out = init(run, folder)
-    assert code == 2
-    assert "ros2 bag reindex" in out
-    (folder / "metadata.yaml").unlink()
-    path = tmp_path / "rig.toml"
-    path.write_text(
-        'actuator = "smart_servo"\n[[logs]]\nfile = "rig"\ntime = "log_time"\noutputs.angle = "a"\n'
-    )
-    code, _, err = run("check", path)
-    assert code == 2
-    assert "metadata.yaml ('ros2 bag reindex' writes a lost one)" in err
 
 
 def test_a_large_message_is_read_only_where_it_is_asked_for(tmp_path: Path) -> None:

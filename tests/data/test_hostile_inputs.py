@@ -55,11 +55,13 @@ for path in sys.argv[1:]:
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with a name here")
 def test_a_pipe_is_refused_and_not_waited_for(tmp_path: Path) -> None:
     """In a process of its own: one that waits cannot be ended otherwise."""
-    suffixes = ("csv", "json", "parquet", "mat", "ulg", "mcap", "toml")
-    paths = [tmp_path / f"pipe.{suffix}" for suffix in suffixes]
+    suffixes = ("csv", "json", "parquet", "mat", "ulg", "mcap", "bin", "mf4", "toml")
+    (tmp_path / "bag").mkdir()
+    (tmp_path / "bag" / "metadata.yaml").touch()
+    paths = [*(tmp_path / f"pipe.{suffix}" for suffix in suffixes), tmp_path / "bag" / "log.mcap"]
     for path in paths:
         os.mkfifo(path)
-    command = [sys.executable, "-c", CHECK_EACH, *map(str, paths)]
+    command = [sys.executable, "-c", CHECK_EACH, *map(str, (*paths[:-1], tmp_path / "bag"))]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
     assert done.returncode == 0, done.stderr
     assert done.stderr.count("no regular file") == len(paths)

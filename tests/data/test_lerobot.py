@@ -235,27 +235,6 @@ def test_a_unit_is_guessed_and_a_doubt_is_a_question(
     assert words in text
 
 
-def test_an_episode_in_another_unit_is_left_out(run: Run, tmp_path: Path) -> None:
-    first, second, third = episodes(100, 110, 105)
-    odd = (np.radians(second[0]), np.radians(second[1]))
-    code, out = init(run, data_set(tmp_path / "set", [first, odd, third]))
-    assert code == 1
-    assert "Warning: episode 1 left out: its joints reach 1.66 and those of the others 9" in out
-    logs = read_description(tmp_path / "set_elbow.toml").logs
-    assert [log.name for log in logs] == ["set episode 0", "set episode 2"]
-
-
-def test_episodes_without_enough_frames_are_left_out(run: Run, tmp_path: Path) -> None:
-    folder = data_set(tmp_path / "set", episodes(100, 0, 3))
-    code, out = init(run, folder)
-    assert code == 1
-    assert "Warning: episodes 1, 2 left out: fewer than 16 frames" in out
-    assert len(read_description(tmp_path / "set_elbow.toml").logs) == 1
-    code, out = init(run, data_set(tmp_path / "none", episodes(3)))
-    assert code == 2
-    assert "no episode is left" in out
-
-
 def with_state(recorded: list[tuple[Array, Array]], joint: int, value: float) -> None:
     for _, state in recorded:
         state[:, joint] = value
@@ -300,49 +279,6 @@ def test_an_action_that_is_no_goal_is_told(run: Run, tmp_path: Path) -> None:
     code, out = init(run, data_set(tmp_path / "set", recorded))
     assert code == 1
     assert "angle_reading does not follow goal" in out
-
-
-def test_without_info_json_joints_are_numbered(run: Run, tmp_path: Path) -> None:
-    folder = data_set(tmp_path / "set", episodes(100))
-    (folder / "meta" / "info.json").unlink()
-    code, out = init(run, folder)
-    assert code == 0
-    assert "without meta/info.json joints have numbers" in out
-    assert len(read_description(tmp_path / "set_1.toml").logs) == 1
-
-
-@pytest.mark.parametrize("content", ["", "[]", '{"fps": "x"}', '{"features": 3}', "[" * 10_000])
-def test_a_damaged_info_json_is_told(run: Run, tmp_path: Path, content: str) -> None:
-    folder = data_set(tmp_path / "set", episodes(100))
-    (folder / "meta" / "info.json").write_text(content)
-    code, out = init(run, folder)
-    assert code == 2
-    assert "info.json' is no description of a data set: copy it again" in out
-    assert "\n" not in out.strip()
-
-
-def test_a_truncated_file_of_frames_is_told(run: Run, tmp_path: Path) -> None:
-    folder = data_set(tmp_path / "set", episodes(100))
-    path = folder / FILES["v3.0"]
-    path.write_bytes(path.read_bytes()[:-100])
-    code, out = init(run, folder)
-    assert code == 2
-    assert f"'{path}' is damaged" in out
-    path.unlink()
-    code, out = init(run, folder)
-    assert code == 2
-    assert "copy the data set whole" in out
-
-
-def test_hostile_names_of_joints_stay_text(run: Run, tmp_path: Path) -> None:
-    names = ['../"\n[[logs]]\x7f', "\ud800/" + "x" * 300]
-    both = {"action": names, "observation.state": names}
-    code, out = init(run, data_set(tmp_path / "set", episodes(100), names=both))
-    assert code == 0
-    assert "\x7f" not in out
-    assert len(list(tmp_path.glob("set_*.toml"))) == 2
-    for path in tmp_path.glob("set_*.toml"):
-        assert len(read_description(path).logs) == 1
 
 
 def test_a_real_data_set(run: Run, logs_folder: Path, tmp_path: Path) -> None:

@@ -2,11 +2,13 @@
 
     python tests/fuzz/inputs.py [--count 5000] [--seed 0] [--keep]
 
-A case is a folder with a valid input (a log of any format with its description, sweeps, tables
-of elements, a parameter file, a table of inputs) of which one file is damaged: bytes, text,
-values and types, columns and clocks, or the kind of file.  A forked process reads it.  Counted are
+A case is a folder with a valid input (a log of any format or a robot's recording with its
+description, sweeps, tables of elements, a parameter file, a table of inputs) of which one file is
+damaged: bytes, text, values and types, columns, joints and clocks, or the kind of file.  A forked
+process reads it.  Counted are
 
 * tracebacks, and ends by a signal;
+* logs that are called usable by a description without a command;
 * hangs: more than 10 s of processor time, or 60 s on the clock, before the input is read;
 * memory: more than 1 GB;
 * sentences that do not name a file of the case, the place and the cure.
@@ -23,6 +25,7 @@ import functools
 import importlib
 import io
 import json
+import logging
 import os
 import pickle
 import random
@@ -41,6 +44,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[2]))
+from tests.support import bags, dataflash, lerobot
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -165,6 +171,60 @@ def _mcap_ros(columns: Columns) -> bytes:
     return stream.getvalue()
 
 
+def _dataflash(columns: Columns) -> bytes:
+    times, command, angle = (np.array(list(values), float) for values in columns.values())
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "log.bin"
+        return dataflash.flight_log(path, times, {1: (angle, command)}).read_bytes()
+
+
+def _mdf(columns: Columns) -> bytes:
+    import asammdf
+
+    logging.getLogger("asammdf").disabled = True
+    stream = io.BytesIO()
+    (_, times), *others = ((name, np.array(list(values))) for name, values in columns.items())
+    file = asammdf.MDF()
+    signals = [asammdf.Signal(values, times, name=name) for name, values in others]
+    file.append(signals, acq_name="rig", common_timebase=True)
+    file.save(stream)
+    return stream.getvalue()
+
+
+Files = dict[str, bytes]
+
+
+def _data_set(columns: Columns) -> Files:
+    """A LeRobot data set with a joint, called like the last column, and two episodes."""
+    action, state = (np.array(list(values), float) for values in list(columns.values())[-2:])
+    names = {key: [list(columns)[-1]] for key in ("action", "observation.state")}
+    with tempfile.TemporaryDirectory() as folder:
+        episodes = [(action[:, None], state[:, None])] * 2
+        return _files_in(lerobot.data_set(Path(folder) / "log", episodes, names=names))
+
+
+def _bag(storage: str, columns: Columns) -> Files:
+    """A bag of ROS 2 with a joint, called like the last column, and its command, in ms."""
+    name = list(columns)[-1]
+    times, *values = (list(values) for values in columns.values())
+    stamps = [bags.ns(float(time_)) for time_ in times]
+    topics = {
+        topic: [
+            (stamp, bags.joint_state(bags.EPOCH + stamp, [name], [1e-3 * float(value)]))
+            for stamp, value in zip(stamps, own)
+        ]
+        for topic, own in zip(("/command", "/joint_states"), values)
+    }
+    with tempfile.TemporaryDirectory() as folder:
+        return _files_in(bags.bag(Path(folder) / "log", topics, storage))
+
+
+def _files_in(folder: Path) -> Files:
+    """The files of a folder, by their places as seen from beside it."""
+    files = (file for file in sorted(folder.rglob("*")) if file.is_file())
+    return {file.relative_to(folder.parent).as_posix(): file.read_bytes() for file in files}
+
+
 FORMATS: dict[str, tuple[str, Callable[[Columns], bytes]]] = {
     "CSV": ("log.csv", _csv),
     "TSV": ("log.tsv", _tsv),
@@ -176,6 +236,13 @@ FORMATS: dict[str, tuple[str, Callable[[Columns], bytes]]] = {
     "ULog": ("log.ulg", _ulog),
     "MCAP, JSON": ("log.mcap", _mcap),
     "MCAP, ROS 2": ("log.mcap", _mcap_ros),
+    "DataFlash": ("log.bin", _dataflash),
+    "MDF4": ("log.mf4", _mdf),
+}
+ROBOTS: dict[str, Callable[[Columns], Files]] = {
+    "LeRobot": _data_set,
+    "bag, MCAP": functools.partial(_bag, "mcap"),
+    "bag, sqlite3": functools.partial(_bag, "sqlite3"),
 }
 DESCRIPTION = """actuator = "sg90"
 variant = "measured"
@@ -227,10 +294,29 @@ unit = "ms"
 value = 0.01
 unit = "deg"
 """
-NAMES = {
-    "JSON lists": {"t": "data.t", "command": "data.command", "angle": "data.angle"},
-    "ULog": {"t": "timestamp"},
+OF_BAGS = {
+    '"t"\nunit = "s"': '"header_stamp"\nunit = "ns"\ntable = "/joint_states"',
+    '"command", unit = "us"': '"position.angle", table = "/command", unit = "ms"',
+    '"angle"': '"position.angle"',
 }
+NAMES = {
+    "JSON lists": {'"t"': '"data.t"', '"command"': '"data.command"', '"angle"': '"data.angle"'},
+    "ULog": {'"t"\nunit = "s"': '"timestamp"\nunit = "us"'},
+    "DataFlash": {
+        '"t"\nunit = "s"': '"TimeUS"\nunit = "us"\ntable = "CSRV[1]"',
+        '"command"': '"PosCmd"',
+        '"angle"': '"Pos"',
+    },
+    "MDF4": {'"t"': '"time [s]"'},
+    "LeRobot": {
+        '"t"': '"timestamp"',
+        '"command"': '"action[0]"',
+        '"angle"': '"observation.state[0]"',
+    },
+    "bag, MCAP": OF_BAGS,
+    "bag, sqlite3": OF_BAGS,
+}
+"""What stands behind ``column =`` in place of what ``DESCRIPTION`` has, by the kind of input."""
 
 
 class Base(NamedTuple):
@@ -240,7 +326,7 @@ class Base(NamedTuple):
     files: dict[str, bytes]
     main: str
     ways: tuple[tuple[str, ...], ...]
-    write: Callable[[Columns], bytes] | None = None
+    write: Callable[[Columns], Files] | None = None
 
 
 READ = ("read", "FILE")
@@ -251,14 +337,15 @@ DESCRIBED = (READ, READ, READ, ("check", "FILE"), ("identify", "FILE"), ("diagno
 def bases() -> list[Base]:
     """Every kind of valid input."""
     found = []
-    for kind, (name, write) in FORMATS.items():
+    for kind in (*FORMATS, *ROBOTS):
+        name = FORMATS[kind][0] if kind in FORMATS else "log"
+        write = ROBOTS.get(kind) or functools.partial(_one, *FORMATS[kind])
         text = DESCRIPTION.replace("FILE", name)
         for own, inside in NAMES.get(kind, {}).items():
-            text = text.replace(f'column = "{own}"', f'column = "{inside}"')
-        if kind == "ULog":
-            text = text.replace('unit = "s"', 'unit = "us"')
-        files = {name: write(_columns()), "rig.toml": text.encode()}
-        ways = (*DESCRIBED, ("check", name, "--init", "--actuator", "sg90"))
+            text = text.replace(f"column = {own}", f"column = {inside}")
+        begin = ("check", name, "--init")
+        ways = (*DESCRIBED, (*begin, "--actuator", "sg90") if kind in FORMATS else begin)
+        files = {**write(_columns()), "rig.toml": text.encode()}
         found.append(Base(kind, files, "rig.toml", ways, write))
     found.append(Base("description", dict(found[0].files), "rig.toml", DESCRIBED))
     for example in ("servo_bench", "torque_motor", "two_csv_files"):
@@ -279,8 +366,19 @@ def bases() -> list[Base]:
     for name, write in (("in.csv", _csv), ("in.parquet", _parquet)):
         table = {"time": 0.01 * np.arange(ROWS), "pulse_width [us]": _columns()["command"]}
         ways = (("simulate", "sg90", "--inputs", "FILE"),)
-        found.append(Base(f"inputs, {name}", {name: write(table)}, name, ways, write))
+        one = functools.partial(_one, name, write)
+        found.append(Base(f"inputs, {name}", one(table), name, ways, one))
     return found
+
+
+def _one(name: str, write: Callable[[Columns], bytes], columns: Columns) -> Files:
+    return {name: write(columns)}
+
+
+def _write(files: Files, folder: Path) -> None:
+    for name, content in files.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(content)
 
 
 # Damage
@@ -509,15 +607,14 @@ def _bomb() -> bytes:
 
 def damage(base: Base, folder: Path, rng: random.Random) -> str:
     """Write a case; return what was damaged."""
-    for name, content in base.files.items():
-        (folder / name).write_bytes(content)
+    _write(base.files, folder)
     data = [name for name in base.files if name != base.main]
     name = rng.choice(data) if data and base.kind != "description" else base.main
     if rng.random() < 0.15:
         name = base.main
     path = folder / name
     content = base.files[name]
-    is_text = path.suffix in (".toml", ".csv", ".tsv", ".json")
+    is_text = path.suffix in (".toml", ".csv", ".tsv", ".json", ".yaml")
     way = rng.random()
     if way < 0.04:
         damage_kind(path, rng)
@@ -531,7 +628,7 @@ def damage(base: Base, folder: Path, rng: random.Random) -> str:
     elif base.write and name != "rig.toml" and (way < 0.8 or not is_text):
         with contextlib.suppress(Exception):  # what the format cannot hold: stays valid
             columns = _columns() if data else _table_of(base)
-            path.write_bytes(base.write(damage_columns(columns, rng)))
+            _write(base.write(damage_columns(columns, rng)), folder)
     else:
         path.write_bytes(damage_text(content, rng))
     return name
@@ -548,7 +645,8 @@ PLACE = re.compile(
 )
 WHOLE = re.compile(
     r"damaged|cannot read|no known format|is empty|has no|holds no|no text in UTF-8|too large"
-    r"|would take|no rows|no regular|no file|samples to use|no TOML|is no |deep"
+    r"|would take|no rows|no regular|no file|samples to use|no TOML|is no |deep|ends within"
+    r"|is a folder|does not tell"
 )
 CURE = re.compile(
     r"[;:,] (?:or )?(?:write|give|add|set|remove|correct|save|record|name|use|choose|take|keep|sort"
@@ -662,9 +760,18 @@ def run(words: tuple[str, ...], folder: Path, base: Base) -> Outcome:
     elif memory > LARGEST:
         fault = "memory"
     elif code == REFUSED:
-        lacks = is_good(_sentence(said), folder, [*base.files])
+        folders = {f"'{Path(name).parts[0]}'" for name in base.files}
+        lacks = is_good(_sentence(said), folder, [*base.files, *folders])
         fault = lacks and f"sentence without {lacks}"
+    elif "logs are usable" in said and not _commands(folder / base.main):
+        fault = "called usable"
     return Outcome(code, said, seconds, memory, fault)
+
+
+def _commands(path: Path) -> bool:
+    """Whether a description has a column for a command."""
+    logs = tomllib.loads(path.read_text("utf-8"))["logs"]
+    return any(run.get("inputs") for log in logs for run in (log, *log.get("repeat", ())))
 
 
 def _sentence(said: str) -> str:
@@ -714,8 +821,7 @@ def _modules_of(known: list[Base], folder: Path) -> list[str]:
     for number, base in enumerate(known):
         place = folder / str(number)
         place.mkdir()
-        for name, content in base.files.items():
-            (place / name).write_bytes(content)
+        _write(base.files, place)
         for way in dict.fromkeys(base.ways):
             if way[0] not in LONG or base.kind == "servo_bench":
                 words = tuple(base.main if word == "FILE" else word for word in way)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Container, Iterable, Iterator
+import unicodedata
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from servo_models.core.catalogue import actuator as find_actuator
@@ -95,7 +96,7 @@ def write_joints(
         follows = bool(found_lags) and all(lag.follows for lag in found_lags)
         yield f"wrote '{file}': {said or STILL}{'' if follows else NO_GOAL}", not follows
     if not written:
-        raise UserError(f"'{path}': no joint can be described; each says why above")
+        raise UserError(f"'{path}' has no joint that can be described: correct what is said above")
     doubts = dict.fromkeys(f"guessed, {it.guessed}: {it.doubt}" for it in files.values())
     for text in (*recorded.notes, *doubts):
         yield printable(text, LONGEST_SENTENCE), False
@@ -108,13 +109,16 @@ def _told(name: str) -> str:
 
 
 def _as_file(name: str) -> str:
-    """A name that is one of a file on every system."""
-    return re.sub(r"[^\w.-]+", "_", name)[:60].strip("._") or "joint"
+    """A name that is one of a file on every system: some count its bytes."""
+    whole = re.sub(r"[^\w.-]+", "_", unicodedata.normalize("NFC", name))
+    return whole.encode()[:60].decode(errors="ignore").strip("._") or "joint"
 
 
-def _free(folder: Path, stem: str, taken: Container[Path]) -> Path:
-    names = (folder / f"{stem}{more}.toml" for more in ("", *(f"_{n}" for n in range(2, 10_000))))
-    return next(name for name in names if name not in taken)
+def _free(folder: Path, stem: str, taken: Iterable[Path]) -> Path:
+    """A file that is none of those ``taken``, on systems too that tell no capitals apart."""
+    used = {file.name.casefold() for file in taken}
+    more = ("", *(f"_{n}" for n in range(2, len(used) + 3)))
+    return next(folder / name for it in more if (name := f"{stem}{it}.toml").casefold() not in used)
 
 
 def _chosen(name: str | None) -> tuple[Actuator, Variant]:

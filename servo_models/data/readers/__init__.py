@@ -88,8 +88,8 @@ def _folder(path: Path) -> tuple[bytes, ModuleType]:
             f"'{path}' is a folder, and neither a LeRobot data set, with meta/info.json, nor a bag"
             f" of ROS 2, with {rosbag.FOLDER} ('ros2 bag reindex' writes a lost one): name a file"
         )
-    files = [file for file in sorted(path.iterdir()) if os.path.isfile(file)]
-    check_size(path, sum(file.stat().st_size for file in files))
+    files = [file for file in sorted(path.iterdir()) if not os.path.isdir(file)]
+    check_size(path, sum(file.stat().st_size for file in files if os.path.isfile(file)))
     return b"".join(map(read_regular, files)), rosbag
 
 

@@ -48,11 +48,15 @@ def _tables(source: Source, bag: Any) -> Tables:
     times: dict[str, list[int]] = {}
     records: dict[str, list[Any]] = {}
     unknown: dict[str, str] = {}
+    large = ""
     wanted = [it for it in bag.connections if source.table in (None, it.topic)]
     first = min(bag.start_time, 2**63 - 1)
     for connection, arrived, raw in bag.messages(connections=wanted) if wanted else ():
         topic = connection.topic
-        if topic in unknown or (source.table is None and len(raw) > LARGEST_MESSAGE):
+        if source.table is None and len(raw) > LARGEST_MESSAGE:
+            large = topic
+            continue
+        if topic in unknown:
             continue
         size += len(raw)
         check_size(source.path, size)
@@ -67,6 +71,11 @@ def _tables(source: Source, bag: Any) -> Tables:
         raise UserError(
             f"{source.place}: the bag does not describe its type '{unknown[source.table]}': record"
             " it as MCAP"
+        )
+    if large and not records:
+        raise UserError(
+            f"'{source.path}' has messages above {LARGEST_MESSAGE >> 10} kB only: name their topic"
+            f" in a description, as table = '{large}'"
         )
     known = dict.fromkeys([*records, *(it.topic for it in bag.connections)])
     names = [name for name in source.wanted(known) if name in records or source.table]
