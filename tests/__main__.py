@@ -1,4 +1,4 @@
-"""``python -m tests`` sets itself up and runs the quick tests; ``--all`` goes on with the rest.
+"""``python -m tests`` sets itself up and runs the quick tests; ``--all`` the thorough ones as well.
 
 Other words go to pytest, which then runs them in one process.
 """
@@ -17,7 +17,7 @@ import bootstrap
 CORES = os.cpu_count() or 1
 # neighbours share fixtures and compiled text, so a worker keeps them until another has nothing
 PARALLEL = ["-n", str(CORES), "--dist", "worksteal"]
-REST = ["-m", "thorough and not long"]
+WITH_THOROUGH = ["-m", "not long"]
 
 
 def compiled(name: str) -> str:
@@ -57,12 +57,9 @@ def main(words: list[str]) -> int:
     """Run what is asked for; its exit code."""
     if words not in ([], ["--all"]):
         return run(words)
-    print(f"on two cores about {13 if words else 3} minutes", flush=True)
+    print(f"on two cores about {9 if words else 3} minutes", flush=True)
     compile_all()
-    codes = [run(PARALLEL)]
-    if words:
-        codes.append(run([*PARALLEL, *REST]))
-    return max(codes)
+    return run([*PARALLEL, *(WITH_THOROUGH if words else [])])
 
 
 if __name__ == "__main__":

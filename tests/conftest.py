@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -10,7 +11,7 @@ import fmpy
 import pytest
 from hypothesis import settings
 
-from servo_models.build import build
+from servo_models.build import PYTHON, build
 from servo_models.cli import main
 from servo_models.core.simulate import model
 from tests.support.made_once import made_once
@@ -48,20 +49,20 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(pytest.mark.thorough)
 
 
+def built_once(factory: pytest.TempPathFactory, name: str, kind: str = PYTHON) -> Path:
+    """Return the path of an FMU of ``MODELS``, which is built once for all workers."""
+    file = f"{name}.fmu"
+
+    def make(folder: Path) -> None:
+        build(model(*MODELS[name]), folder / file, kind)
+
+    return made_once(factory, f"built {kind} {name}", make) / file
+
+
 @pytest.fixture(scope="session")
 def fmu_file(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
     """Return the path of an FMU of ``MODELS``."""
-
-    def built(name: str) -> Path:
-        file = f"{name}.fmu"
-        folder = made_once(
-            tmp_path_factory,
-            f"built {name}",
-            lambda new: build(model(*MODELS[name]), new / file),
-        )
-        return folder / file
-
-    return built
+    return functools.partial(built_once, tmp_path_factory)
 
 
 @pytest.fixture(scope="session")

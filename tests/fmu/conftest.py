@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
-from servo_models.build import FMI3, NATIVE, PYTHON, build
+from servo_models.build import FMI3, NATIVE, PYTHON
 from servo_models.core.compilers import compiler
-from servo_models.core.simulate import model
-from tests.conftest import MODELS, extracted
+from tests.conftest import built_once, extracted
 from tests.support.fmu_host import Host
-from tests.support.made_once import made_once
 
 Files = Callable[[str], Path]
 
@@ -27,17 +26,7 @@ def kind(request: pytest.FixtureRequest) -> str:
 @pytest.fixture(scope="session")
 def fmu_file(kind: str, tmp_path_factory: pytest.TempPathFactory) -> Files:
     """Return the path of an FMU of ``MODELS``."""
-
-    def built(name: str) -> Path:
-        file = f"{name}.fmu"
-        folder = made_once(
-            tmp_path_factory,
-            f"built {kind} {name}",
-            lambda new: build(model(*MODELS[name]), new / file, kind),
-        )
-        return folder / file
-
-    return built
+    return functools.partial(built_once, tmp_path_factory, kind=kind)
 
 
 @pytest.fixture(scope="session")

@@ -19,6 +19,7 @@ from fmu_src.native.archive import headers
 from servo_models.build import NATIVE, build
 from servo_models.core.catalogue import actuators
 from servo_models.core.simulate import model, simulate
+from tests.conftest import built_once
 from tests.support.document import alike
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "c_host"
@@ -44,8 +45,7 @@ def unpacked(tmp_path_factory: pytest.TempPathFactory) -> Unpacked:
 
     def folder(name: str) -> Path:
         if not (parent / name).exists():
-            file = build(model(name), parent / f"{name}.native.fmu", NATIVE)
-            with zipfile.ZipFile(file) as archive:
+            with zipfile.ZipFile(built_once(tmp_path_factory, name, NATIVE)) as archive:
                 archive.extractall(parent / name)
         return parent / name
 

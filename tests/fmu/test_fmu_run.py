@@ -21,34 +21,14 @@ from tests.support.masters import stepped
 
 Files = Callable[[str], Path]
 
-# Length of the run and commands: fast steps for the torque motor, frames for the servo.
-RUNS = {
-    "sg90": (0.6, 20.0),
-    "sg90_linear": (0.6, 20.0),
-    "oscillatory": (0.6, 20.0),
-    "torque_motor": (0.12, 1.0),
-    "measured": (0.12, 1.0),
-    "linear_drive": (0.12, 1.0),
-    "smart_servo": (0.12, 1.0),
-    "second_order_servo": (0.12, 1.0),
-    "dc_motor": (0.12, 1.0),
-    "dc_motor_current": (0.12, 1.0),
-    "dc_motor_speed": (0.12, 1.0),
-    "sg90_torque": (0.6, 20.0),
-    "torque_motor_torque": (0.12, 1.0),
-}
+LENGTH = {"sg90": 0.6, "torque_motor": 0.12}  # s: some frames of the servo, fast steps of the motor
 
 
-def grid(name: str, steps: str) -> Array:
-    """Communication points: regular, irregular, or no multiple of the internal step."""
-    stop, unit = RUNS[name]
-    if steps == "irregular":
-        sizes = np.random.default_rng(3).uniform(0.2e-3, 1.2e-3, 4000)
-        points = np.concatenate([[0.0], np.cumsum(sizes)])
-        return np.append(points[points < stop - 1e-4], stop)
-    step = {"1 ms": 1e-3, "20 ms": 20e-3, "0.7 ms": 0.7e-3, "odd": 1.0 / 3.0 * 1e-3 * unit}[steps]
-    points = np.arange(0.0, stop, step)
-    return np.append(points[points < stop - 1e-6], stop)
+def irregular(stop: float) -> Array:
+    """Communication points."""
+    sizes = np.random.default_rng(3).uniform(0.2e-3, 1.2e-3, 4000)
+    points = np.concatenate([[0.0], np.cumsum(sizes)])
+    return np.append(points[points < stop - 1e-4], stop)
 
 
 def commands(chosen: Model, times: Array) -> Array:
@@ -63,7 +43,7 @@ def commands(chosen: Model, times: Array) -> Array:
 
 
 def halves(name: str) -> tuple[Model, Array, Array, int]:
-    chosen, times = model(*MODELS[name]), grid(name, "irregular")
+    chosen, times = model(*MODELS[name]), irregular(LENGTH[name])
     return chosen, times, commands(chosen, times), len(times) // 2
 
 
@@ -83,7 +63,7 @@ def test_a_saved_state_does_not_move_with_the_instance(fmu_folder: Files) -> Non
 def test_two_instances_and_two_fmus_do_not_disturb_each_other(fmu_folder: Files) -> None:
     """Four instances of two FMUs, stepped in turn in one process."""
     names = ("sg90", "torque_motor", "sg90", "torque_motor")
-    times = grid("torque_motor", "0.7 ms")
+    times = 0.7e-3 * np.arange(172.0)
     chosen = [model(*MODELS[name]) for name in names]
     inputs = [commands(m, times) * (1.0 if k < 2 else 1.01) for k, m in enumerate(chosen)]
     hosts = [Host(fmu_folder(name)) for name in names]

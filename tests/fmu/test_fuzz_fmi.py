@@ -4,10 +4,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from pathlib import Path
+
 import pytest
 
 from servo_models.build import FMI3, PYTHON
 from servo_models.core.catalogue import actuators
+from servo_models.core.simulate import model
 from tests.fuzz.fmi import run
 
 SEQUENCES = 60
@@ -18,8 +22,9 @@ SEQUENCES = 60
 @pytest.mark.parametrize("damaged", [False, True], ids=["sequences", "damaged states"])
 @pytest.mark.parametrize("actuator", actuators())
 def test_calls_succeed_with_the_right_numbers_or_are_refused(
-    actuator: str, damaged: bool, kind: str
+    actuator: str, damaged: bool, kind: str, fmu_folder: Callable[[str], Path]
 ) -> None:
-    counts, wrong = run(actuator, range(SEQUENCES), damaged, kind)
+    folder = fmu_folder(actuator)
+    counts, wrong = run(model(actuator), folder, range(SEQUENCES), damaged, kind)
     assert not wrong
     assert counts["played"] == SEQUENCES

@@ -407,41 +407,37 @@ def _in_a_process(
 
 
 def run(
-    actuator: str, sequences: range, damaged: bool, kind: str = PYTHON
+    chosen: Model, folder: Path, sequences: range, damaged: bool, kind: str = PYTHON
 ) -> tuple[Counter[str], list[str]]:
-    """Play sequences in batches: counts by outcome, and what went wrong."""
-    chosen = model(actuator)
+    """Play sequences on an unpacked FMU in batches: counts by outcome, and what went wrong."""
     counts: Counter[str] = Counter()
     wrong: list[str] = []
     context = multiprocessing.get_context("fork")
-    with tempfile.TemporaryDirectory() as scratch:
-        folder = Path(scratch) / "fmu"
-        fmpy.extract(str(build(chosen, Path(scratch) / "it.fmu", kind)), str(folder))
-        for first in range(sequences.start, sequences.stop, BATCH):
-            seeds = range(first, min(first + BATCH, sequences.stop))
-            here, there = context.Pipe(duplex=False)
-            process = context.Process(
-                target=_in_a_process, args=(chosen, folder, seeds, damaged, kind, there)
-            )
-            process.start()
-            there.close()
-            found: Any = first
-            try:
-                while not isinstance(found, list) and here.poll(PATIENCE):
-                    found = here.recv()
-            except EOFError:
-                counts["crashes"] += 1
-                wrong.append(f"sequence {found}: the process ended")
+    for first in range(sequences.start, sequences.stop, BATCH):
+        seeds = range(first, min(first + BATCH, sequences.stop))
+        here, there = context.Pipe(duplex=False)
+        process = context.Process(
+            target=_in_a_process, args=(chosen, folder, seeds, damaged, kind, there)
+        )
+        process.start()
+        there.close()
+        found: Any = first
+        try:
+            while not isinstance(found, list) and here.poll(PATIENCE):
+                found = here.recv()
+        except EOFError:
+            counts["crashes"] += 1
+            wrong.append(f"sequence {found}: the process ended")
+        else:
+            if isinstance(found, list):
+                counts["differences"] += len(found)
+                wrong += found
             else:
-                if isinstance(found, list):
-                    counts["differences"] += len(found)
-                    wrong += found
-                else:
-                    counts["hangs"] += 1
-                    wrong.append(f"sequence {found}: no answer")
-            process.kill()
-            process.join()
-            counts["played"] += len(seeds)
+                counts["hangs"] += 1
+                wrong.append(f"sequence {found}: no answer")
+        process.kill()
+        process.join()
+        counts["played"] += len(seeds)
     return counts, wrong
 
 
@@ -455,13 +451,17 @@ def main() -> int:
     chosen = parser.parse_args()
     failed = False
     for actuator in chosen.actuators:
-        for what, count in (("sequences", chosen.sequences), ("damaged states", chosen.states)):
-            seeds = range(chosen.seed, chosen.seed + count)
-            counts, wrong = run(actuator, seeds, what != "sequences", chosen.kind)
-            told = ", ".join(f"{counts[k]} {k}" for k in ("crashes", "hangs", "differences"))
-            print(f"{actuator}: {counts['played']} {what}: {told}", flush=True)
-            print(*wrong[:10], sep="\n", end="\n" if wrong else "")
-            failed = failed or bool(wrong)
+        with tempfile.TemporaryDirectory() as scratch:
+            path = build(model(actuator), Path(scratch) / "it.fmu", chosen.kind)
+            folder = Path(fmpy.extract(str(path), str(Path(scratch) / "fmu")))
+            for what, count in (("sequences", chosen.sequences), ("damaged states", chosen.states)):
+                seeds = range(chosen.seed, chosen.seed + count)
+                damaged = what != "sequences"
+                counts, wrong = run(model(actuator), folder, seeds, damaged, chosen.kind)
+                told = ", ".join(f"{counts[k]} {k}" for k in ("crashes", "hangs", "differences"))
+                print(f"{actuator}: {counts['played']} {what}: {told}", flush=True)
+                print(*wrong[:10], sep="\n", end="\n" if wrong else "")
+                failed = failed or bool(wrong)
     return int(failed)
 
 
