@@ -41,7 +41,7 @@ PLANTED, CLEAN = 10, 3  # rigs of a kind with an effect, and without
 STEP = 2e-4  # s, of the rigs
 REST = (1.0, 1.2)  # s for which a rig rests before a log
 HASTE = 2.0  # of commands over those of the second plant, which is slower
-RATIO = (5.0, 100.0)  # of the gap that an effect makes over the noise floor
+RATIO = (5.0, 200.0)  # of the gap that an effect makes over the noise floor
 NOISE = (0.2, 0.8)  # standard deviation before the encoder counts, in codes
 
 Values = Mapping[str, float]
