@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import functools
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
@@ -13,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from servo_models.core.catalogue import of_catalogue
+from servo_models.core.compilers import cached_library, here, host
 from servo_models.core.plant import Actuator
 from servo_models.core.simulate import Model, model
 from servo_models.core.types import Array
@@ -116,17 +118,15 @@ class OpenFmu(ABC):
         except RefusedError as error:
             raise FmuError(f"FMU '{self.name}' {self.clean(str(error))}") from error
 
-    def driven(self, number: int, times: Array, inputs: Array, first: int, width: int) -> Array:
-        """Step an instance from row ``first``, where it is, to the end; return the rows from there
-        on, shape (n - first, width).
+    def rows(self, shape: tuple[int, int], *request: Any) -> Array:
+        """Return the answer to a request for rows of doubles.
 
         Raises:
             FmuError: it stops, or gives other outputs than it was asked for.
         """
-        answer = self.call("instance", number, "drive", _packed(times), _packed(inputs), first)
+        answer = self.call(*request)
         try:
-            rows = np.frombuffer(base64.b64decode(answer))
-            return rows.reshape(len(times) - first, width).copy()
+            return np.frombuffer(base64.b64decode(answer)).reshape(shape).copy()
         except (ValueError, TypeError):
             raise self.unlike() from None
 
@@ -150,6 +150,7 @@ class OpenFmu(ABC):
                 "folder": str(self.folder),
                 "guid": self.description.guid,
                 "identifier": self.description.coSimulation.modelIdentifier,
+                "loop": _loop(),
             }
             try:
                 self._host.call("open", about, self.limits.seconds, self.limits.megabytes)
@@ -312,7 +313,9 @@ class Instance:
 
     def drive(self, times: Array, inputs: Array, first: int = 0) -> Array:
         """Step from row ``first``, where it is, to the end; return the rows from there on."""
-        return self._subject.driven(self._number, times, inputs, first, self._width)
+        table = (packed(times), packed(inputs), first)
+        shape = (len(times) - first, self._width)
+        return self._subject.rows(shape, "instance", self._number, "drive", *table)
 
     def saved(self) -> bytes:
         """Return the complete state as bytes."""
@@ -333,6 +336,22 @@ class Instance:
         return self._subject.call("instance", self._number, name, *args)
 
 
+@functools.cache
+def _loop() -> str:
+    """The library of ``drive.c``, "" where there is no C compiler."""
+    compiler, target = host(), here()
+    source = Path(__file__).with_name("drive.c").read_bytes()
+    if compiler is None or target not in compiler.targets:
+        return ""
+    try:
+        made_of = ["drive.c", source.decode()]
+        return str(
+            cached_library(compiler, target, made_of, "drive.c", lambda: {"drive.c": source})
+        )
+    except UserError:
+        return ""
+
+
 def _one_line(said: str) -> str:
     """Foreign text for print: shortened, and without control codes of a terminal."""
     text = " ".join(said.split())
@@ -340,7 +359,8 @@ def _one_line(said: str) -> str:
     return text if len(text) <= LONGEST_REASON else f"{text[:LONGEST_REASON]}..."
 
 
-def _packed(values: Array) -> str:
+def packed(values: Array) -> str:
+    """Return rows of doubles as the FMU's process takes them."""
     return base64.b64encode(np.ascontiguousarray(values, dtype=float).tobytes()).decode()
 
 

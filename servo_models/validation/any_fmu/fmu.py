@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ import numpy as np
 
 from servo_models.core.types import Array
 from servo_models.errors import UserError, did_you_mean
-from servo_models.validation.fmu_subject import FmuError, OpenFmu
+from servo_models.validation.fmu_subject import OpenFmu, packed
 from servo_models.validation.host_process import LIMITS, Limits
 
 ENUMERATION = {False: "Integer", True: "Int64"}
@@ -153,12 +152,8 @@ class AnyFmu(OpenFmu):
             (self.variables[name].reference, self.variables[name].kind, value)
             for name, value in start.items()
         ]
-        first = columns[0].tolist()
-        self.call("start", 1, starts, float(times[0]), first, tolerance)
-        rows = self.driven(1, times, columns, 0, len(outputs))
-        with suppress(FmuError):  # what it says at its end changes no figure
-            self.call("free", 1)
-        return rows
+        table = (packed(times), packed(columns))
+        return self.rows((len(times), len(outputs)), "run", starts, *table, tolerance)
 
 
 def _variable(variable: Any, is_fmi3: bool) -> Variable:
