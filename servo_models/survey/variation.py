@@ -73,7 +73,8 @@ def pooled(values: Array, errors: Array) -> Pooled:
         return float(weights @ distances**2) - (len(values) - 1)
 
     variance = 0.0
-    if excess(0.0) > 0.0:  # at the plain variance of the values, it is not
+    # one value may round to an excess; at the plain variance of several, there is none
+    if len(values) > 1 and excess(0.0) > 0.0:
         variance = brentq(excess, 0.0, float(np.var(values, ddof=1)))
     weights = 1.0 / (errors**2 + variance)
     mean = float(weights @ values / weights.sum())

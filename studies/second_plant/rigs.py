@@ -314,10 +314,17 @@ def build(
         goals=goals(1e-3 * rows, rng),
         seed=int(rng.integers(2**31)),
     )
-    for cause in causes:
+    return with_causes(rig, motor, given, rng)
+
+
+def with_causes(
+    rig: Rig, motor: Motor, given: Mapping[str, float], rng: np.random.Generator
+) -> Rig:
+    """Return a rig in which its causes act; ``given`` holds sizes that are not drawn [SI]."""
+    for cause in rig.causes:
         rig = WRONG[cause](rig, motor, given, rng)
     # an inertia or a friction beside the play has its part in these
-    return _with(rig, _behind(rig.drive)) if "play" in causes else rig
+    return _with(rig, _behind(rig.drive)) if "play" in rig.causes else rig
 
 
 Wrong = Callable[[Rig, Motor, Mapping[str, float], np.random.Generator], Rig]
@@ -456,7 +463,7 @@ TRIANGLE, CHIRP, LOWEST = 3.0, 4.0, 0.3
 
 
 def goals(step: float, rng: np.random.Generator) -> tuple[Array, ...]:
-    """Steps in one log; a slow triangle and a chirp in another."""
+    """Return steps for one log, a slow triangle and a chirp for another; rows are ``step`` [s]."""
     size = math.radians(float(rng.uniform(25.0, 50.0)))
     levels = size * rng.permutation([-1.0, -0.5, 0.1, 0.25, 0.6, 1.0])
     held = [round(float(rng.uniform(0.6, 0.9)) / step) for _ in levels]
@@ -482,12 +489,7 @@ def write(folder: Path, rigs: Sequence[Rig], tell: Callable[[int, int], None]) -
         for done, rig in enumerate(rigs):
             own = part / "cases" / rig.name
             own.mkdir(parents=True)
-            (own / "description.toml").write_text(_description(rig), encoding="utf-8")
-            row = 1e3 * rig.ticks * rig.firmware.tick
-            for name, goals, codes in zip(LOGS, rig.goals, rig.codes()):
-                times = row * np.arange(len(codes))
-                columns = {"time_ms": times, "goal_deg": np.degrees(goals), "code": codes}
-                text = csv(columns, ["%.6g", "%.3f", "%d"])
+            for name, text in recording(rig).items():
                 (own / name).write_text(text, encoding="utf-8")
             tell(done + 1, len(rigs))
         answers = json.dumps([rig.answer() for rig in rigs], indent=1)
@@ -500,7 +502,18 @@ GOAL = column("inputs.goal", "goal_deg", "deg")
 ANGLE = column("outputs.angle_reading", "code", "rad", CODE)
 
 
-def _description(rig: Rig) -> str:
+def recording(rig: Rig, own: str = "description.toml", before: str = "") -> dict[str, str]:
+    """Return the texts of a rig's files by name; those of logs have something ``before`` them."""
+    files = {own: _description(rig, before)}
+    row = 1e3 * rig.ticks * rig.firmware.tick
+    for name, goal, codes in zip(LOGS, rig.goals, rig.codes()):
+        times = row * np.arange(len(codes))
+        columns = {"time_ms": times, "goal_deg": np.degrees(goal), "code": codes}
+        files[before + name] = csv(columns, ["%.6g", "%.3f", "%d"])
+    return files
+
+
+def _description(rig: Rig, before: str) -> str:
     nominal = {"gain": 100.0, "sample_hold.period": rig.firmware.tick, **rig.nominal}
     lines = [
         TIME,
@@ -513,6 +526,6 @@ def _description(rig: Rig) -> str:
         "smart_servo",
         "xl330",
         {f'"{name}"': UNCERTAINTY[name] for name in rig.nominal},
-        ([f'file = "{name}"', *lines] for name in LOGS),
+        ([f'file = "{before}{name}"', *lines] for name in LOGS),
         {f'"{name}"': value for name, value in nominal.items()},
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta, Struct, defstruct
@@ -86,7 +86,7 @@ def standing(figure: Statistic, bar: Bar, wanted: int = MOST_WANTED) -> str:
 def figure_rows(
     figures: Iterable[Callable[[Any], Statistic]],
     bars: Mapping[str, Bar],
-    cases: Sequence[Any],
+    cases: Any,
     wanted: int = MOST_WANTED,
 ) -> Iterator[tuple[Cell, ...]]:
     """Yield a row of ``COLUMNS`` for each figure that has cases."""
