@@ -153,7 +153,8 @@ def _taken_off(
     while scopes := [*options()]:
         scope = max(scopes, key=lambda it: it[:4])
         inside = (it for it in cases if it.place[0] in scope.units and it.place[1] in scope.joints)
-        explained = [case for case in inside if scope.name in case.weights()]
+        # what is shared is likelier in one more job: it needs no more than a place in the set there
+        explained = [case for case in inside if any(scope.name in it for it in case.open)]
         yield _belonging(scope, explained)
         for case in explained:
             case.explain(scope.name)

@@ -122,6 +122,14 @@ def test_causes_of_their_own_are_not_one_by_what_could_hardly_explain_them() -> 
     }
 
 
+def test_a_shared_cause_explains_what_its_set_holds_with_little_weight() -> None:
+    unsure = {("lag",): 0.9, ("transport_delay",): 0.1}
+    (found,) = belongings(
+        [*units(7, range(7)), outcome("slow", "elbow", {"lag": (0.03, 0.001)}, unsure)]
+    )
+    assert (found.name, found.owner, len(found.places)) == ("transport_delay", MODEL, 8)
+
+
 def test_what_is_left_beside_a_shared_cause_is_a_choice_of_its_own() -> None:
     both = {("transport_delay", "backlash"): 0.7, ("transport_delay", "dead_zone"): 0.3}
     jobs = [*units(5, range(4)), outcome("worn", "elbow", {**DELAY, **PLAY}, both)]

@@ -45,6 +45,13 @@ def test_the_mean_of_values_of_equal_errors(values: list[float], error: float) -
     assert found.error**2 == pytest.approx((between + error**2) / len(values), rel=1e-6)
 
 
+@given(FIGURES, st.floats(0.01, 3.0))
+def test_one_value_is_its_mean_and_has_no_variation(value: float, error: float) -> None:
+    found = pooled(np.array([value]), np.array([error]))
+    assert (found.between, found.count) == (0.0, 1)
+    assert (found.mean, found.error) == pytest.approx((value, error))
+
+
 def test_values_alike_are_weighted_by_their_errors() -> None:
     found = pooled(np.array([1.0, 1.5]), np.array([0.5, 1.0]))
     assert (found.mean, found.between) == (pytest.approx(1.1), 0.0)
