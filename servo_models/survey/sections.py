@@ -21,6 +21,7 @@ from servo_models.survey.belonging import MODEL, SINGLE, UNIT, Belonging, Place
 from servo_models.survey.job import Estimate, Outcome
 from servo_models.survey.result import (
     BETTER,
+    FAILED,
     MOST_SPLITS,
     WORSE,
     Difference,
@@ -79,12 +80,14 @@ def report(survey: Survey, date: str = "") -> Report:
 
 
 def _sentence(survey: Survey) -> str:
-    failed = sum(bool(outcome.failure) for outcome in survey.outcomes)
-    gaps = sum(badness(outcome)[0] > 1 for outcome in survey.outcomes)
     units, joints = (len({*names}) for names in zip(*survey.by_place))
+    counts = Counter(verdict(outcome) for outcome in survey.outcomes)
+    told = {NO_GAP: "without a gap", PARAMETERS: "explained by parameters", FAILED: "failed"}
+    others = len(survey.outcomes) - sum(counts[kind] for kind in told)
+    parts = [f"{others} of {len(survey.outcomes)} lack an effect" if others else ""]
+    parts += [f"{counts[kind]} {words}" for kind, words in told.items() if counts[kind]]
     size = f"{plural(units, 'unit')} with {plural(joints, 'joint')}"
-    ends = f", {failed} failed" if failed else ""
-    return f"{size}: {gaps or 'none'} of {len(survey.outcomes)} show a gap{ends}"
+    return f"{size}: {', '.join(filter(None, parts))}"
 
 
 def _cards(survey: Survey) -> Iterator[Card]:
