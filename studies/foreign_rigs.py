@@ -84,14 +84,15 @@ def geared_motor(p: Values) -> Rates:
 
 
 def limited_servo(p: Values) -> Rates:
-    """Rates of angle and speed, which grows no more beyond its limit."""
+    """Rates of angle and speed, which is back at its limit after a step beyond."""
     stiffness, drag = p["frequency"] ** 2, 2.0 * p["damping"] * p["frequency"]
 
     def rates(x: Sequence[float], goal: float) -> tuple[float, ...]:
         angle, speed = x
         push = stiffness * (goal - angle) - drag * speed
+        bounded = min(max(speed, -p["largest_speed"]), p["largest_speed"])
         stopped = abs(speed) >= p["largest_speed"] and push * speed > 0.0
-        return speed, 0.0 if stopped else push
+        return bounded, (bounded - speed) / STEP if stopped else push
 
     return rates
 
