@@ -110,6 +110,11 @@ class Log:
         return float(self.times[-1])
 
     @property
+    def interval(self) -> float:
+        """Median time from a sample to the next [s]."""
+        return float(np.median(np.diff(self.times)))
+
+    @property
     def stamps(self) -> Array:
         """Times since the file's first row [s], shape (n,): a description counts like that."""
         return self.begin + self.times

@@ -343,7 +343,7 @@ class ExperimentDesigner:
         self.power = rivals[0].settings.temper * max(rivals[0].evidence.dispersion, 1.0)
         self.seed = seed
         self.wire, self.low, self.high = _limits(self.problem)
-        step = min(float(np.median(np.diff(log.times))) for log in self.problem.logs)
+        step = min(log.interval for log in self.problem.logs)
         self.step = float(f"{step:.9g}")  # a table is read by people
         longest = max(log.duration for log in self.problem.logs)
         self.fastest = 5.0 * self.step  # pace that the sampling can follow

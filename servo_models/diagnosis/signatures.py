@@ -220,13 +220,12 @@ def _of_log(
     """
     none = np.empty(0), np.empty(0), np.empty(0)
     period, before = clock
-    interval = float(np.median(np.diff(log.times)))
     windows = _steps(log, wire)
-    if not windows or period < LEAST_ROWS_IN_A_PERIOD * interval:
+    if not windows or period < LEAST_ROWS_IN_A_PERIOD * log.interval:
         return none
-    moves = _moves(period, interval)
+    moves = _moves(period, log.interval)
     squares = np.array([_squares(fitted, _moved(log, wire, k), values) for k in moves])
-    times = np.asarray(moves * interval)
+    times = np.asarray(moves * log.interval)
     rows = []
     for begin, end in windows:
         cost = squares[:, begin:end].sum(axis=1)

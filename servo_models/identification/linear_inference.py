@@ -533,11 +533,9 @@ def _by_half_a_step(problem: Problem, vector: Array) -> Array:
     No step is longer than an interval of the log.
     """
     step, values = problem.model.values["internal_step"], problem.values(vector)
-    intervals = [np.diff(log.times) for log in problem.logs if len(log.times) > 1]
-    longest = min((float(np.median(it)) for it in intervals), default=step)
+    longest = min([step, *(log.interval for log in problem.logs)])
     half, whole = (
-        problem.errors_with({**values, "internal_step": it})
-        for it in (0.5 * min(step, longest), step)
+        problem.errors_with({**values, "internal_step": it}) for it in (0.5 * longest, step)
     )
     return half - whole
 

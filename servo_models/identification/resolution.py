@@ -130,8 +130,7 @@ def _copies(log: Log, random: np.random.Generator) -> Iterator[tuple[str, str, f
             continue
         if step := _column_step(values):
             yield name, STEP, step, [_finer(log, name, step, random) for _ in range(COPIES)]
-        interval = float(np.median(np.diff(log.times)))
-        yield name, ROW, interval, [_earlier(log, name, changes, random) for _ in range(COPIES)]
+        yield name, ROW, log.interval, [_earlier(log, name, changes, random) for _ in range(COPIES)]
 
 
 def _column_step(column: Array) -> float:
@@ -195,7 +194,7 @@ def shifted_outputs(
     """
     for run in runs:
         log, simulated = run.log, run.outputs_or_nan(values).T
-        step = float(np.median(np.diff(log.times))) if len(log.times) > LEAST_ROWS else 0.0
+        step = log.interval if len(log.times) > LEAST_ROWS else 0.0
         rows = [_best_row(*pair) for pair in zip(log.outputs.values(), simulated)]
         for (name, measured), response, row in zip(log.outputs.items(), simulated, rows):
             left = float(np.sqrt(np.mean((measured - response) ** 2)))

@@ -258,8 +258,8 @@ def _near(free: Free, least: float) -> Free:
 
 def _fastest(logs: Iterable[Log]) -> float:
     """Square of the shortest 1 / angular frequency [s] of which logs have enough samples."""
-    steps = [float(np.median(np.diff(log.times))) for log in logs if len(log.times) > 1]
-    return (LEAST_SAMPLES_IN_A_PERIOD * min(steps, default=0.0) / (2.0 * math.pi)) ** 2
+    interval = min((log.interval for log in logs), default=0.0)
+    return (LEAST_SAMPLES_IN_A_PERIOD * interval / (2.0 * math.pi)) ** 2
 
 
 def _narrowed(free: Free) -> Free:

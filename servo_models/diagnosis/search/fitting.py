@@ -204,10 +204,9 @@ def _jumping(problem: Problem) -> list[float]:
     for log in problem.logs:
         for values in log.outputs.values():
             change = np.max(np.abs(np.diff(values)), initial=0.0)
-            if change > JUMP_OVER_RANGE * np.ptp(values) > 0.0:
-                step = float(np.median(np.diff(log.times)))
-                if not any(abs(step - it) <= ROUNDING * it for it in intervals):
-                    intervals.append(step)
+            known = any(abs(log.interval - it) <= ROUNDING * it for it in intervals)
+            if change > JUMP_OVER_RANGE * np.ptp(values) > 0.0 and not known:
+                intervals.append(log.interval)
     return intervals
 
 
