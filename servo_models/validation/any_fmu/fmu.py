@@ -86,10 +86,8 @@ class AnyFmu(OpenFmu):
         self._outputs: list[Variable] = []
 
     def _about(self) -> dict[str, Any]:
-        return {
-            "inputs": [(variable.reference, variable.kind) for variable in self._inputs],
-            "outputs": [(variable.reference, variable.kind) for variable in self._outputs],
-        }
+        sides = {"inputs": self._inputs, "outputs": self._outputs}
+        return {side: [(it.reference, it.kind) for it in some] for side, some in sides.items()}
 
     @property
     def title(self) -> str:
@@ -148,10 +146,8 @@ class AnyFmu(OpenFmu):
         if before != (self._inputs, self._outputs) or interface.canBeInstantiatedOnlyOncePerProcess:
             self.end_process()
         columns = np.column_stack([inputs[name] for name in inputs] or [np.empty((len(times), 0))])
-        starts = [
-            (self.variables[name].reference, self.variables[name].kind, value)
-            for name, value in start.items()
-        ]
+        set_ = {self.variables[name]: value for name, value in start.items()}
+        starts = [(variable.reference, variable.kind, value) for variable, value in set_.items()]
         table = (packed(times), packed(columns))
         return self.rows((len(times), len(outputs)), "run", starts, *table, tolerance)
 

@@ -87,8 +87,7 @@ def read_tolerance(path: Path, units: Mapping[str, str], variables: Collection[s
     outputs = {}
     for name in tables:
         section = tables.at(name)
-        section.read(OutputTable, "{ atol = 0.1 }")
-        inner = section.read(OutputTable)
+        inner = section.read(OutputTable, "{ atol = 0.1 }")
         given = {
             "atol": None if inner.atol is None else quantity(section, "atol", units[name] or "1"),
             "rtol": inner.rtol,
