@@ -259,13 +259,13 @@ class Model:
         Raises:
             UserError: see ``run``; also a run of more than ``most`` sub-steps.
         """
-        if self.actuator.inner is None:
-            return self._ran(vector, state, times, inputs, most)[0]
 
         def run(state: Array, times: Array, inputs: Array) -> Array:
             # at steps of the box, of which there are any number between two rows
             return self._ran(vector, state, times, inputs, math.inf)[0]
 
+        if self.actuator.inner is None:
+            return run(state, times, inputs)
         values = dict(zip(self.values, vector.tolist()))
         return np.asarray(self.actuator.inner.ran(run, values, state, times, inputs))
 
