@@ -55,6 +55,7 @@ DELAY_MOVES_IN_PERIODS = (1 / 64, 1 / 32, 1 / 16, 1 / 8, 1 / 4, 1.0, 2.0)
 """Moves of a delay before a hold: one tick off passes for friction or inertia."""
 MOVED_COST_OVER_COST = 0.98  # cost after a move over before, below which it is taken
 MOST_MOVES = 8  # moves of delays in one fit
+INWARD = {"low": 1.0, "high": -1.0}  # sign of the way off a bound
 LEAST_ROW_SHARE = 0.7  # movement by commands between rows over the structured part it may explain
 
 
@@ -257,14 +258,12 @@ class FittedModel:
         """Whether a bound holds a parameter of an effect from a better fit: what it imitates may
         be another effect.  One that merely lies there, since the logs do not show it, is none."""
         sides, slopes = self.problem.sides(self.evidence.vector), self.linearised.slopes
+        beyond = self.settings.bound_advantage * self.evidence.dispersion
         for i, free in enumerate(self.problem.free):
             if sides[i] and free.prior is None:
                 slope = factors(np.delete(slopes, i, axis=1)).without(slopes[:, i])
-                sign = 1.0 if sides[i] == "low" else -1.0
-                outward = sign * float(slope @ self.linearised.errors)
-                beyond = self.settings.bound_advantage * self.evidence.dispersion
-                least = beyond * float(slope @ slope)
-                if outward > 0.0 and outward**2 > least:
+                outward = INWARD[sides[i]] * float(slope @ self.linearised.errors)
+                if outward > 0.0 and outward**2 > beyond * float(slope @ slope):
                     return True
         return False
 
@@ -302,8 +301,7 @@ class FittedModel:
 
     def without(self, name: str) -> tuple[tuple[str, ...], list[Free]]:
         """Return its effects without one, and their free parameters."""
-        owners = {free.name: free.name.rpartition(".")[0] for free in self.problem.free}
-        kept = [it for it in self.problem.free if it.prior is None and owners[it.name] != name]
+        kept = [free for free in self.own if free.name.rpartition(".")[0] != name]
         return tuple(it for it in self.effects if it != name), kept
 
     @property
@@ -319,9 +317,8 @@ class FittedModel:
         largest of so many squares of normal numbers is.  Look-alikes are told apart by how
         usual their sizes are.
         """
-        squared = float(self.evidence.losses.sum()) * (
-            self.settings.loss_factor_on_bound if self.held_by_bound else 1.0
-        )
+        factor = self.settings.loss_factor_on_bound if self.held_by_bound else 1.0
+        squared = float(self.evidence.losses.sum()) * factor
         return squared + 2.0 * self.chance * self.evidence.dispersion
 
 
@@ -363,9 +360,7 @@ class Fitter:
     def problem(self, extra: Iterable[Free] = ()) -> Problem:
         """Return the question with further free parameters."""
         free = [*self.nominal, *extra]
-        return Problem(
-            self.model, self.logs, free, dict(self.floors), self.workers, steps=self.steps
-        )
+        return Problem(self.model, self.logs, free, self.floors, self.workers, steps=self.steps)
 
     def widened(self, model: FittedModel) -> Fitter | None:
         """Return a fitter with wider priors of the parameters that a fit drives far from what is
@@ -398,10 +393,10 @@ class Fitter:
                 continue
             unsure = replace(self, between_rows=True).with_unsure_inputs(model).surveyed()
             again = unsure.fit_from(model)
-            costs = [
+            before, after = (
                 it.cost + log_determinant(it.problem.logs, self.floors) for it in (model, again)
-            ]
-            if again.settled and costs[1] < costs[0] - self.settings.entry_advantage:
+            )
+            if again.settled and after < before - self.settings.entry_advantage:
                 return unsure
         return None
 
@@ -503,10 +498,9 @@ class Fitter:
 
     def refit(self, model: FittedModel) -> FittedModel:
         """Fit once more from where a fit has ended."""
-        problem, settings = model.problem, self.settings
-        begin, limit = model.evidence.vector, settings.fit_steps
-        ended = self._descend(problem, begin, settings.fit_tolerance, limit)
-        return self._judged(model.effects, problem, *ended)
+        limits = self.settings.fit_tolerance, self.settings.fit_steps
+        ended = self._descend(model.problem, model.evidence.vector, *limits)
+        return self._judged(model.effects, model.problem, *ended)
 
     def finish(self, model: FittedModel) -> FittedModel:
         """Fit to the end: what the logs leave open goes back to its prior."""
@@ -542,12 +536,12 @@ class Fitter:
         evidence = cross_validate(problem, linear, blocks(problem), held)
         chance = sum(self.trials.get(name, 0.0) for name in effects)
         chance += _strangeness(problem, vector)
-        model = FittedModel(
+        # of two that do as well, the one that believes what is believed is taken
+        widened = any(free.widened > 1.0 for free in problem.free)
+        chance += 0.5 * self.settings.entry_advantage if widened else 0.0
+        return FittedModel(
             effects, problem, linear, evidence, converged, chance, widths, settings=self.settings
         )
-        # of two that do as well, the one that believes what is believed is taken
-        doubt = 0.5 * self.settings.entry_advantage if model.widened else 0.0
-        return replace(model, chance=chance + doubt)
 
     def _descend(
         self,
@@ -586,8 +580,7 @@ class Fitter:
 def _pressed(linear: Linearisation) -> list[int]:
     """Which parameters a bound holds from a better fit: without a block it would hold them too."""
     sides, gradient = linear.problem.sides(linear.vector), linear.slopes.T @ linear.errors
-    inward = {"low": 1.0, "high": -1.0}
-    return [i for i, side in enumerate(sides) if side and inward[side] * gradient[i] > 0.0]
+    return [i for i, side in enumerate(sides) if side and INWARD[side] * gradient[i] > 0.0]
 
 
 def _strangeness(problem: Problem, vector: Array) -> float:
