@@ -472,7 +472,9 @@ def spread(problem: Problem, vector: Array) -> Spread:
             if np.isfinite(errors[i]):
                 errors[i] = along.tread(errors[i], by_slopes.slopes[i])
             else:
-                errors[i] = along.needle(dent=_dent(told, i))
+                # how rough the response is in the others
+                others = np.delete(told.roughness, i)
+                errors[i] = along.needle(dent=float(np.median(others)) if others.size else 0.0)
     profiles = []
     for i in inner:
         if 0.0 < errors[i] < np.inf:
@@ -595,12 +597,6 @@ def _roughness(problem: Problem, told: Information, residuals: Array) -> float:
     return max(1.0, 2.0 * float(np.mean(told.jitter)) / max(power, 1e-300))
 
 
-def _dent(told: Information, which: int) -> float:
-    """Squared errors by which the response is rough in parameters other than ``which``."""
-    others = np.delete(told.roughness, which)
-    return float(np.median(others)) if others.size else 0.0
-
-
 class Axis:
     """What happens along one parameter, where slopes do not tell it."""
 
@@ -648,18 +644,12 @@ class Axis:
         """
         base = float(self.errors @ self.errors)
         noise = 1.0 if right else base / len(self.errors) * inflation(self.errors)
-        noise = max(noise, DENT * dent)
-        inside = 0.0
-        for by in REACHES:
-            sides = self._sides(by)
-            if right:
-                rise = min(float(np.sum((one - self.errors) ** 2)) for one in sides)
-            else:
-                rise = min(float(one @ one) for one in sides) - base
-            inside = by if rise <= noise else inside
-        if inside > NEEDLE:
-            return np.inf
-        return max(float(inside), float(REACHES[0]))
+        inside = float(REACHES[0])
+        for by in REACHES.tolist():
+            changed = [one - self.errors if right else one for one in self._sides(by)]
+            rise = min(float(one @ one) for one in changed) - (0.0 if right else base)
+            inside = by if rise <= max(noise, DENT * dent) else inside
+        return np.inf if inside > NEEDLE else inside
 
 
 def _correlations(slopes: Array) -> Array:
