@@ -318,8 +318,8 @@ def _through_the_model(match: Match, actuator: Actuator) -> tuple[str, float, fl
     name, size = actuator.step
     unit = wire.display or wire.unit
     to_unit, rest = factor(wire.unit, unit), float(wire.rest)
-    quantity = {out: exponents(plant.wire[out].unit)[1] for out in plant.outputs}
-    follower = next((o for o in quantity if quantity[o] == exponents(match.unit)[1]), None)
+    wanted = _dimension(match.unit)
+    follower = next((o for o in plant.outputs if _dimension(plant.wire[o].unit) == wanted), None)
     if follower is None:
         return unit, 1.0, rest * to_unit
     chosen = model(actuator)
@@ -411,16 +411,14 @@ def _time_of(columns: Sequence[Column]) -> tuple[Column, str] | None:
     if not rising:
         return None
     best = max(rising, key=lambda column: 2 * bool(TIME & set(column.words)) + _is_time(column))
-    return best, best.unit if best.unit and _is_time(best) else _time_unit(best)
+    if best.unit and _is_time(best):
+        return best, best.unit
+    step = float(np.median(np.diff(best.values)))
+    return best, next((u for u in WRITTEN_IN["s"] if step * factor(u, "s") <= LONGEST_STEP), "ns")
 
 
 def _is_time(column: Column) -> bool:
-    return column.unit is not None and exponents(column.unit)[1] == {"s": 1}
-
-
-def _time_unit(column: Column) -> str:
-    step = float(np.median(np.diff(column.values)))
-    return next((u for u in WRITTEN_IN["s"] if step * factor(u, "s") <= LONGEST_STEP), "ns")
+    return column.unit is not None and _dimension(column.unit) == {"s": 1}
 
 
 def _matches(columns: Sequence[Column], made: Draft) -> list[Match]:
@@ -458,14 +456,7 @@ def _why_not(column: Column, made: Draft) -> str:
         return "it counts rows, or runs of them"
     if not _tells(column, plant):
         return "the name does not tell what it is"
-    mains = (made.main, plant.outputs[0])
-    best = max(
-        (
-            _match(plant.wire[name], column, plant, name in mains, command=False)
-            for name in (*(wire.name for wire in plant.inputs), *plant.outputs)
-        ),
-        key=lambda match: match.score,
-    )
+    best = max(_offers(column, made), key=lambda match: match.score)
     for match in made.matches:
         if match.wire is best.wire and best.score >= LEAST_SCORE:
             return f'{match.wire.name} is taken from "{match.column.key}"'
@@ -476,12 +467,11 @@ def _chosen(
     columns: Sequence[Column], made: Draft, command: Column | None, blind: bool
 ) -> list[Match]:
     plant, main = made.plant, made.main
-    mains = (main, plant.outputs[0])
     offered = [
-        _match(plant.wire[name], column, plant, name in mains, column is command)
+        match
         for column in columns
         if blind or _tells(column, plant)
-        for name in (*(wire.name for wire in plant.inputs), *plant.outputs)
+        for match in _offers(column, made, column is command)
     ]
     sides = [wire for wire in plant.inputs if wire.name != main]
     chosen: list[Match] = []
@@ -507,6 +497,13 @@ def _with_command(chosen: list[Match], commands: Sequence[Match], plant: Plant) 
         if called and command.converts and any(_tells_motion(it, plant) for it in others):
             return [command, *others]
     return chosen
+
+
+def _offers(column: Column, made: Draft, command: bool = False) -> list[Match]:
+    """How a column fits every signal."""
+    plant, mains = made.plant, (made.main, made.plant.outputs[0])
+    names = (*(wire.name for wire in plant.inputs), *plant.outputs)
+    return [_match(plant.wire[n], column, plant, n in mains, command) for n in names]
 
 
 def _match(wire: Wire, column: Column, plant: Plant, main: bool, command: bool) -> Match:
@@ -570,11 +567,8 @@ def _likely_unit(wire: Wire, column: Column) -> str:
     if wire.unit == "rad" and column.turn:
         return "deg"
     reach = float(np.abs(column.values).max()) or 1.0
-
-    def distance(unit: str) -> float:
-        return abs(math.log(reach * factor(unit, wire.unit) / wire.scale))
-
-    return min(WRITTEN_IN.get(wire.unit, (wire.unit,)), key=distance)
+    units = WRITTEN_IN.get(wire.unit, (wire.unit,))
+    return min(units, key=lambda it: abs(math.log(reach * factor(it, wire.unit) / wire.scale)))
 
 
 def _near_rest(wire: Wire, column: Column, unit: str) -> bool:
