@@ -126,13 +126,12 @@ def not_reproducible(
 
 def tightest(rows: Iterable[Row]) -> Row:
     """Return the worst row: one that failed, else the one nearest to its limit."""
-    return max(rows, key=_tightness)
 
+    def tightness(row: Row) -> tuple[bool, float]:
+        used = row.value / row.limit if row.value is not None and row.limit else 0.0
+        return row.passed is False, used
 
-def _tightness(row: Row) -> tuple[bool, float]:
-    if row.value is None or not row.limit:
-        return row.passed is False, 0.0
-    return row.passed is False, row.value / row.limit
+    return max(rows, key=tightness)
 
 
 class CostPoint(Document, frozen=True):
