@@ -96,10 +96,15 @@ def _runs(effect: str) -> Iterator[Demonstration]:
         for place in sorted(places(effect), key=_depth):
             if load and not _load(place.actuator):
                 continue
-            neutral = _neutral(place.actuator)
+            parameters = place.actuator.plant.parameters.values()
+            neutral = {it.name: 0.0 for it in parameters if it.param.switch}
             without = _run(place.actuator, neutral, load)
             for strength in STRENGTHS:
-                active = _active(place, strength)
+                active = {
+                    it.name: min(strength * it.param.typical, it.param.high)
+                    for it in place.parameters
+                    if it.param.switch
+                }
                 changed = _run(place.actuator, {**neutral, **active}, load)
                 yield Demonstration(
                     place,
@@ -134,20 +139,6 @@ def _run(actuator: Actuator, parameters: dict[str, float], load: float) -> Resul
 def _load(actuator: Actuator) -> Wire | None:
     """The input for a load against the motion, None if the actuator has none."""
     return next((wire for wire in actuator.plant.inputs if wire.name.startswith("load_")), None)
-
-
-def _neutral(actuator: Actuator) -> dict[str, float]:
-    parameters = actuator.plant.parameters.values()
-    return {parameter.name: 0.0 for parameter in parameters if parameter.param.switch}
-
-
-def _active(place: Place, strength: float) -> dict[str, float]:
-    """Switches of the effect at a multiple of their typical values, within their bounds."""
-    return {
-        parameter.name: min(strength * parameter.param.typical, parameter.param.high)
-        for parameter in place.parameters
-        if parameter.param.switch
-    }
 
 
 def _shown(place: Place, active: dict[str, float]) -> str:

@@ -100,17 +100,13 @@ def _commands_vary(logs: Sequence[Log], plant: Plant) -> bool:
     A step in the first row of a log that begins at rest is a change.
     """
     rest = {wire.name: wire.rest for wire in plant.inputs}
-    begins = [_level(log, rest) for log in logs]
+    constants = [{k: v for k, v in log.constants.items() if k in rest} for log in logs]
+    firsts = [{name: float(it[0]) for name, it in log.inputs.items()} for log in logs]
+    begins = [{**rest, **held, **first} for held, first in zip(constants, firsts)]
     moving = any(np.ptp(values) > 0.0 for log in logs for values in log.inputs.values())
     moving |= any(log.start is not None for log in logs)
     steps = any(log.settle == 0.0 and begin != rest for log, begin in zip(logs, begins))
     return moving or steps or any(begin != begins[0] for begin in begins)
-
-
-def _level(log: Log, rest: Mapping[str, float | str]) -> dict[str, float | str]:
-    """Inputs where a log begins."""
-    known = {name: value for name, value in log.constants.items() if name in rest}
-    return {**rest, **known, **{name: float(values[0]) for name, values in log.inputs.items()}}
 
 
 def _steps(logs: Sequence[Log], plant: Plant) -> list[dict[str, Step]]:

@@ -354,11 +354,9 @@ class ExperimentDesigner:
         count = round(5.0 * self.unit / self.step)
         self.times = self.step * np.arange(count + 1.0)
         self.samples = len(self.times) * len(self.problem.sigma)
-        measured = [
-            v / self.problem.sigma[n] for log in self.problem.logs for n, v in log.outputs.items()
-        ]
-        # a command from which a model runs away is no experiment
-        self.farthest = 1000.0 * max(float(np.abs(values).max()) for values in measured)
+        outputs = [(name, log.outputs[name]) for log in self.problem.logs for name in log.outputs]
+        largest = max(float(np.abs(it / self.problem.sigma[name]).max()) for name, it in outputs)
+        self.farthest = 1000.0 * largest  # a command from which a model runs away is no experiment
         self.response = cache(self._response)
         self.slopes = cache(self._slopes)
 
@@ -533,11 +531,9 @@ def _limits(problem: Problem) -> tuple[Wire, float, float]:
         rest = float(wire.rest)
         reach = abs(size - rest)
         low, high = min(low, rest - reach), max(high, rest + reach)
-    return (
-        wire,
-        low if wire.low is None else max(low, wire.low),
-        high if wire.high is None else min(high, wire.high),
-    )
+    least = -math.inf if wire.low is None else wire.low
+    most = math.inf if wire.high is None else wire.high
+    return wire, max(low, least), min(high, most)
 
 
 def _unexplained(change: Array, slopes: Array, known: Array) -> float:
@@ -590,10 +586,11 @@ def _residual_after_refit(rival: FittedModel, problem: Problem, known: Array) ->
 def _steps(designer: ExperimentDesigner, command: Command, designed: Experiment) -> Iterator[str]:
     plant, plan = designer.problem.model.plant, designed.plan
     duration = float(designer.times[-1])
+    hertz = 1.0 / designer.step
+    rate = f"{hertz:.4g} Hz" if hertz < 9999.5 else f"{1e-3 * hertz:.4g} kHz"
     played_ = (
         f"ommand {command.text(designer.wire, duration)} on {designer.wire.name} for"
-        f" {in_time(duration)}, log {' and '.join(designer.problem.sigma)}"
-        f" at {_rate(designer.step)}."
+        f" {in_time(duration)}, log {' and '.join(designer.problem.sigma)} at {rate}."
     )
     if designed.telling:
         yield f"C{played_}"
@@ -648,11 +645,6 @@ def _expected(designed: Experiment) -> Iterator[str]:
         if stay:
             clauses.append(f"{_listed(stay)} can still imitate it")
         yield f"If the cause is {_names(designed.explanations[i])}: {'; '.join(clauses)}."
-
-
-def _rate(step: float) -> str:
-    rate = 1.0 / step
-    return f"{rate:.4g} Hz" if rate < 9999.5 else f"{1e-3 * rate:.4g} kHz"
 
 
 def _few(size: float) -> str:

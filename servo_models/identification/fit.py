@@ -93,7 +93,9 @@ def fit(
 
 
 def _fitted(problem: Problem, kind: str, starts: int, seed: int, tell: Progress) -> Identification:
-    before = _nominal_responses(problem)
+    # effects to be freed are still off
+    nominal = Problem(problem.model, problem.logs, [], sigma=problem.sigma)
+    before = nominal.responses(np.empty(0))
     problem, optimum = _reweighted_search(problem, search(problem, kind, starts, seed, tell), tell)
     while (free := _widened(problem, optimum.vector)) != problem.free and not optimum.interrupted:
         tell("widening the priors of parameters that moved far")
@@ -176,11 +178,6 @@ def fixed_by(logs: Sequence[Log], names: Iterable[str]) -> tuple[str, ...]:
     """Return those of some parameters that every log that is fitted states as a constant."""
     fitted = [log for log in logs if log.fitted.any()]
     return tuple(name for name in names if fitted and all(name in log.constants for log in fitted))
-
-
-def _nominal_responses(problem: Problem) -> list[dict[str, Array]]:
-    """Responses before anything is estimated; effects to be freed are still off."""
-    return Problem(problem.model, problem.logs, [], sigma=problem.sigma).responses(np.empty(0))
 
 
 def _reweighted(problem: Problem, vector: Array) -> Problem:
