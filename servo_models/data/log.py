@@ -111,8 +111,8 @@ class Log:
 
     @property
     def interval(self) -> float:
-        """Median time from a sample to the next [s]."""
-        return float(np.median(np.diff(self.times)))
+        """Median time from a sample to the next [s], infinite for one sample."""
+        return float(np.median(np.diff(self.times))) if len(self.times) > 1 else np.inf
 
     @property
     def stamps(self) -> Array:

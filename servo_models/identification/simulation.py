@@ -460,7 +460,8 @@ class InternalSteps:
             fine = run.outputs(values)
         except UserError:
             return usual
-        step = float(np.quantile(np.diff(run.log.times), MOST_ROWS))
+        intervals = np.diff(run.log.times)
+        step = float(np.quantile(intervals, MOST_ROWS)) if len(intervals) else 0.0
         while step > usual:  # the interval of the log, its half and so on
             errors = (run.outputs_or_nan({**values, STEP: step}) - fine) / noise
             if np.sum(errors**2) <= min(VISIBLE, SHARE**2 * errors.size):  # never of NaN
