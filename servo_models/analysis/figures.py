@@ -23,7 +23,7 @@ from servo_models.analysis.experiment import step as standard_step
 from servo_models.analysis.linear_model import LinearModel
 from servo_models.analysis.linearise import linearise
 from servo_models.analysis.sine_test import STEP_POINTS, SineTest
-from servo_models.core.plant import unknown
+from servo_models.core.plant import check_known
 from servo_models.core.simulate import Model
 from servo_models.errors import UserError
 from servo_models.files import write_whole
@@ -298,8 +298,7 @@ def _small(
 
 def _input_value(model: Model, name: str, value: float | str) -> float:
     wires = {wire.name: wire for wire in model.plant.inputs}
-    if name not in wires:
-        raise UserError(unknown("input", name, wires, f"actuator '{model.actuator.name}'"))
+    check_known("input", [name], wires, f"actuator '{model.actuator.name}'")
     return _parsed(f"input '{name}'", value, wires[name].unit)
 
 

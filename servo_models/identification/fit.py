@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from servo_models.core.plant import unknown
+from servo_models.core.plant import check_known
 from servo_models.core.simulate import Model
 from servo_models.core.types import Array
 from servo_models.core.workers import Workers
@@ -248,9 +248,7 @@ def checked_logs(
     if not fitted:
         raise UserError(f"{told} holds out every sample: leave some to fit")
     for log in logs:
-        for name in log.outputs:
-            if name not in model.plant.outputs:
-                raise UserError(unknown("output", name, dict.fromkeys(model.plant.outputs)))
+        check_known("output", log.outputs, model.plant.outputs)
     logs = [without_outliers(log, model.plant) for log in logs]
     samples = sum(int(log.fitted.sum()) for log in logs)
     if samples <= free:
