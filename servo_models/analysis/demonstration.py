@@ -33,11 +33,8 @@ DURATION = 2.0  # duration of the run in stop times of the actuator
 POINTS = 2001  # communication points of the run
 BREAKS = (0.0, 0.05, 0.05, 0.45, 0.85, 1.0)  # times of the command's corners over the run's
 HEIGHTS = (0.0, 0.0, 1.0, 1.0, -1.0, -1.0)  # command at the corners in standard steps
-STRENGTHS = (1.0, 3.0, 10.0, 0.3, 0.1)
-"""Sizes tried in turn, in typical values: a limit shows when it is low, the others when high."""
-LOADS = (0.0, 0.3)
-"""Loads tried in turn, in full scales of the load input if there is one: some effects show only
-under load."""
+STRENGTHS = (1.0, 3.0, 10.0, 0.3, 0.1)  # sizes tried in turn, over typical: limits show when low
+LOADS = (0.0, 0.3)  # loads tried in turn [full scales]: some effects show only under load
 VISIBLE = 0.02  # smallest change of the output, over its range, that the eye sees
 
 

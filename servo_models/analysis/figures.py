@@ -36,8 +36,7 @@ HALF_POWER = math.sqrt(0.5)
 RATIO = 10.0 ** (1.0 / 12.0)  # frequency of a sweep over the one before
 DECADES = 5  # decades of frequency after which a sweep is given up
 
-Response = Callable[[float], complex]
-"""Output over input [SI] at a frequency [Hz]."""
+Response = Callable[[float], complex]  # output over input [SI] at a frequency [Hz]
 
 
 @dataclass(frozen=True)

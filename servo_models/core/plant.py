@@ -17,8 +17,7 @@ from servo_models.errors import UserError, did_you_mean
 from servo_models.units import factor
 
 TIME_AXIS = "time"  # what tables and FMI masters call their first column
-_DEVICE = re.compile(r"con|prn|aux|nul|com\d|lpt\d")
-"""Names that Windows keeps for devices, whatever the suffix."""
+_DEVICE = re.compile(r"con|prn|aux|nul|com\d|lpt\d")  # names that Windows keeps for devices
 
 
 _SCALE = re.compile(rf"(?:{SIGNAL}|\{{(\w+)\}})(\d?)")

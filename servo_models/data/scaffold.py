@@ -364,8 +364,7 @@ COMMAND = {"cmd", "command", "commanded", "ref", "reference", "goal", "target", 
 COMMAND |= {"desired", "sp", "demand", "soll", "u", "input", "action"}
 MEASURED = {"meas", "measured", "actual", "act", "present", "ist", "feedback", "y", "output"}
 MEASURED |= {"observation", "observed"}
-SUPPLY = {"battery", "batt", "bat", "vbat", "vin", "supply"}
-"""Words of what feeds an actuator, which commands nothing."""
+SUPPLY = {"battery", "batt", "bat", "vbat", "vin", "supply"}  # words of what feeds an actuator
 QUANTITIES = {
     "angle theta phi position pos horn tilt": "rad",
     "rate speed velocity vel omega gyro gyr": "rad/s",

@@ -44,8 +44,7 @@ if TYPE_CHECKING:
     import polars as pl
 
 LEFT = "left"  # name of the signal that is simulated minus measured
-MUCH = 0.5
-"""Size of an effect that they imitate, over the gap, from which it is worth an experiment."""
+MUCH = 0.5  # effect that they imitate, over the gap, from which it is worth an experiment
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -33,12 +33,9 @@ from servo_models.identification.simulation import false_starts
 from servo_models.report.numbers import listed, plural
 
 SEEN = 1.0  # movement [noise floors] from which logs can show an effect
-ELSEWHERE = 2.0
-"""Error of a log that is held out over that of the others, from which something else acts there."""
-UNLIKE = 3.0
-"""Spread of repeats over the scatter of samples, from which it is hardly noise of a reading."""
-MOTION = 0.5
-"""Share of a noise floor that is found in a simulation without noise, from which it is doubtful."""
+ELSEWHERE = 2.0  # error of a log held out over that of the others: something else acts there
+UNLIKE = 3.0  # spread of repeats over scatter of samples that is hardly noise of a reading
+MOTION = 0.5  # share of a noise floor, found without noise, from which it is doubtful
 MOST_SURPRISES = 2  # parameters that a sentence names
 MOST_ALTERNATIVES = 3  # alternatives of a confidence set that a sentence names
 

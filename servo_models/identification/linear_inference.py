@@ -46,8 +46,7 @@ NEAR_ZERO = 0.1  # value in scales below which a change is in scales
 PARTS = (1.0, 0.7)  # widths of a slope over the largest of them
 MORE_PARTS = (1.0, 0.7, 0.85, 0.6, 0.92, 0.78)
 """Widths over the largest where two still disagree: noise falls with their number."""
-ASIDE = 0.02
-"""Largest part of a value by which the middle of a slope moves: else widths meet the same steps."""
+ASIDE = 0.02  # largest relative move of the middle of a slope: else widths meet the same steps
 ASIDE_OVER_WIDTH = 2.0  # largest of these parts over a narrow width
 AGREED = 0.01  # share of a slope's energy in which two widths may disagree without being widened
 NARROWER = (3e-4, 1e-5)  # half widths beside roughness: curvature falls with width, roughness grows

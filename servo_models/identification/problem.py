@@ -32,8 +32,7 @@ LARGEST = 1e100  # weighted residual from which squares leave the finite numbers
 
 FAR_DEVIATIONS = 3.0  # prior deviations of a fitted parameter from which its prior was too narrow
 WIDER_PRIOR = 10.0  # factor on such a prior
-LEAST_SINGULAR = 0.3
-"""Weighted errors by one standard deviation of a direction, below which it is noise."""
+LEAST_SINGULAR = 0.3  # weighted errors by a standard deviation of a direction, least: less is noise
 
 
 @dataclass(frozen=True)

@@ -39,8 +39,7 @@ FIRST_SAMPLES = 3  # samples at the beginning of a log
 OFF_AT_FIRST = 0.02  # start error over the range that may reject the assumed start
 OFF_LATER = 5.0  # start error over that of the second half that rejects it
 MAYBE_AT_FIRST = 0.01  # start error over the range from which other starts are tried
-MAYBE_LATER = 2.0
-"""Start error over that of the second half from which a settled log has them tried."""
+MAYBE_LATER = 2.0  # start error over that of the second half: a settled log has its starts tried
 START_STEPS = 6  # Gauss-Newton steps of the fit of a start
 START_PARTS = (1.0, 0.25, 0.05)  # parts of such a step, the largest that leaves less is taken
 START_DIFFERENCE = 1e-4  # step of its difference quotients, in full scales

@@ -19,8 +19,7 @@ DELAYS_S = (0.0, 0.01, 0.03, 0.1)  # delays from which searches start
 BEST_STARTS = 3  # starts that are searched from, for each set of fields
 MOST_EVALUATIONS = 60  # gradients in a search at most
 DIFFERENCE = 1e-3  # relative step of a difference quotient
-EARNED = 0.05
-"""Fraction of the cost by which a field has to lower it, or it is left out."""
+EARNED = 0.05  # part of the cost by which a field has to lower it, or it is left out
 MOST_STEPS = 5e6  # time steps of all logs at most, minutes of work
 LARGEST_ERROR = 1e6  # rad, error of a law that diverges
 

@@ -24,15 +24,13 @@ from servo_models.validation.implementation import input_signals
 from servo_models.validation.plain_integration import Course, integrate
 from servo_models.validation.rows import MODEL, CostCurve, CostPoint, Row, failure, judged
 
-Run = Callable[[Model, Array, Array], Array]
-"""``run(model, times, inputs)`` gives the outputs, as ``Model.run`` does."""
+Run = Callable[[Model, Array, Array], Array]  # model, times, inputs -> outputs
 
 TIME_MARGIN = 10.0
 """Mean slope of the rise over the slope at the flattest place where a time is read: the error of
 a time is that of the curve over its slope."""
 
-FACTORS = (0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
-"""Internal steps that are tried, over the default one, as far as the bounds allow."""
+FACTORS = (0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0)  # internal steps tried, over the default
 REPEATS = 5  # runs that are timed
 LONGER = 10  # length of a timed run, in cases
 
@@ -44,10 +42,8 @@ FLOOR = 1e-4  # least tolerance over the range of an output, as for the referenc
 SAFETY = 2.0
 """Tolerance over the change of the plain integration from one step in an internal step to
 ``FINER``: a model that locates its jumps, or does not, differs by no more than that change."""
-LOOSE = 0.05
-"""Change of the plain integration, over the range, beyond which nothing is compared."""
-JUMP = 0.5
-"""Fraction of the change in two internal steps that one plain step makes where an output jumps."""
+LOOSE = 0.05  # change of the plain integration, over the range, beyond which nothing is compared
+JUMP = 0.5  # part of the change in two internal steps that one plain step makes at a jump
 TOGETHER = 0.5  # size of all effects at once over their typical ones
 
 

@@ -15,8 +15,7 @@ PAPER = "paper"
 """Claim: the model gives the figures printed in its paper, or else those recomputed from the
 paper's own numbers.  What these numbers do not give is named, with the reason."""
 
-REFERENCE = "reference"
-"""Claim: the outputs of an FMU equal a reference that came with the question."""
+REFERENCE = "reference"  # claim: the outputs of an FMU equal a reference that came with it
 FILES = "files"  # claim: the files of an FMU are as FMI has them; nothing was run
 
 OWN_CLAIMS = (IMPLEMENTATION, MODEL, PAPER)  # claims about our own models

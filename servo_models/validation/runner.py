@@ -32,8 +32,7 @@ from servo_models.validation.implementation import implementation_rows
 from servo_models.validation.responses import cost_curve, named_cases, plain_row, response_rows
 from servo_models.validation.rows import MODEL, CostCurve, Row, Validation, failure
 
-Progress = Callable[[int, int, str], None]
-"""Called with the number of jobs done, the number of all, and the name of the next one."""
+Progress = Callable[[int, int, str], None]  # jobs done, of how many, the next
 Job = tuple[str, Callable[[], list[Row] | CostCurve | ReferenceCheck]]
 """Name and function of an examination; no rows after the FMU stopped: its first row says why."""
 

@@ -10,8 +10,7 @@ from servo_models.data.readers.columns import Source, column_of, columns_of, uni
 if TYPE_CHECKING:
     import polars as pl
 
-LISTS_OF_NAMES = ("name", "joint_names")
-"""Fields of messages that name the joints of their other lists."""
+LISTS_OF_NAMES = ("name", "joint_names")  # fields that name the joints of other lists
 HEADER_STAMP = "header_stamp"
 
 

@@ -46,8 +46,7 @@ FINAL_STEPS = 60  # least-squares steps of such a fit
 HOPELESS_RATIO = 1.5  # cost over what a fit has to reach from which it gets no other start
 COARSE_WIDTH_IN_SCALES = 0.02  # width of slopes where an effect makes the response jump
 COARSE_RELATIVE_WIDTH = 0.01  # width of the slope along a discontinuous parameter
-WIDE_RELATIVE_CHANGES = (0.02, 0.01)
-"""Changes of a discontinuous parameter before a search, in turn."""
+WIDE_RELATIVE_CHANGES = (0.02, 0.01)  # changes of a discontinuous parameter before a search
 NARROW_RELATIVE_CHANGES = (0.005, 0.0025, 0.0012, 0.0006, 0.0003)  # changes after it
 JUMP_OVER_RANGE = 0.2  # jump between samples of a reading above which delays are tried one by one
 DELAY_MOVES_IN_SAMPLES = (0.5, 1.0, 1.5, 2.5, 4.0)  # moves of the delay before such a reading

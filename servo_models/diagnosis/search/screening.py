@@ -372,8 +372,7 @@ def detectability(
     return largest
 
 
-Promising = tuple[str, list[Screened]]
-"""An effect, and its results that promise most."""
+Promising = tuple[str, list[Screened]]  # an effect, and its results that promise most
 
 
 def starts_of(results: Iterable[Screened]) -> Iterator[Promising]:

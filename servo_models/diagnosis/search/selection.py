@@ -181,8 +181,7 @@ def stages(every: Sequence[Candidate]) -> list[str]:
     return [it for it in STAGES if some.get(it, True)]
 
 
-Task = tuple[tuple[str, ...], Callable[[], FittedModel]]
-"""Causes, and the fit of them."""
+Task = tuple[tuple[str, ...], Callable[[], FittedModel]]  # causes, and the fit of them
 
 
 class SubsetSelection:

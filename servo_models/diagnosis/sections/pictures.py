@@ -36,8 +36,7 @@ from servo_models.report.style import SERIES, colour
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-ROW, MARGIN = 0.44, 0.85
-"""Height of a row of a chart, and of everything else [inch]."""
+ROW, MARGIN = 0.44, 0.85  # height of a row of a chart, and of everything else [inch]
 CURVE = 2.4  # height of a curve of the residual map [inch]
 SIGMAS_95 = 1.96
 PANEL = 1.45  # height of a panel [inch]

@@ -22,8 +22,7 @@ from servo_models.core.types import Array
 from servo_models.report.numbers import number, plain, prefix, with_unit
 
 RTOL = 0.002  # default value tolerance over the range of the reference [1]
-OF_LARGEST = 1e-6
-"""Rounding of a file with seven digits or 32-bit numbers, over the largest absolute value."""
+OF_LARGEST = 1e-6  # rounding of seven digits or 32-bit numbers, over the largest absolute value
 TIME = 0.001  # default time tolerance over the duration of the run
 STEP_SHARE = 0.6  # largest default time tolerance in communication steps; held inputs cost 0.5
 CONTINUOUS_JUMP = 0.05  # least jump of a continuous output over its range

@@ -14,8 +14,7 @@ from servo_models.errors import UserError, did_you_mean
 from servo_models.validation.fmu_subject import OpenFmu, packed
 from servo_models.validation.host_process import LIMITS, Limits
 
-ENUMERATION = {False: "Integer", True: "Int64"}
-"""Type whose functions set and get values of enumerations in FMI 2.0, and in 3.0."""
+ENUMERATION = {False: "Integer", True: "Int64"}  # type of enumerations in FMI 2.0 and 3.0
 REAL = ("Real", "Float64", "Float32")
 NOT_RUN = ("Binary", "Clock")
 

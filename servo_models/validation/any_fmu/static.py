@@ -23,8 +23,7 @@ from servo_models.validation.archive import check_xml
 from servo_models.validation.host_process import LIMITS, Limits
 from servo_models.validation.rows import FILES, Row, Validation, judged
 
-Found = tuple[str, str, list[str], bool]
-"""Group, check, findings, and whether these are faults."""
+Found = tuple[str, str, list[str], bool]  # group, check, findings, and whether these are faults
 
 MOST_TOLD = 3  # faults of a check that are named at most
 FOLDERS = ("binaries", "sources", "resources", "documentation", "extra", "terminalsAndIcons")

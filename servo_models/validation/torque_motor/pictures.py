@@ -26,8 +26,7 @@ FINAL = 3.0004  # angle [deg] at which eq. 12 rests at 40 V
 
 STOP = 3.0  # half range between the stops [deg]
 
-FRACTIONS = {2.80: 0.1, 9.37: 0.632, 20.23: 0.9}
-"""Fraction of the final angle by the time [ms] at which eq. 12 reaches it."""
+FRACTIONS = {2.80: 0.1, 9.37: 0.632, 20.23: 0.9}  # fraction of the final angle by time [ms]
 
 SHOWN = 0.06  # duration that is drawn [s]
 
