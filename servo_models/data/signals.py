@@ -782,8 +782,7 @@ def _between(
     begin, end = (-np.inf if ends[0] is None else ends[0], np.inf if ends[1] is None else ends[1])
     if begin >= end:
         section.fail(key, f"{end:g} s is not after {begin:g} s; correct one of the two")
-    marked: Mask = (since >= begin) & (since <= end)
-    return marked
+    return np.asarray((since >= begin) & (since <= end))
 
 
 def _check_duration(clock: Clock, internal_step: float) -> None:
@@ -864,8 +863,7 @@ def _levels(section: Section, chosen: HeldOut, inputs: Mapping[str, Array]) -> M
     starts = (np.diff(values, prepend=values[0]) != 0.0) & (values != values[0])
     latest = np.maximum.accumulate(np.where(starts, np.arange(len(values)), -1))
     first = {"odd": 0, "even": 1}[chosen.levels]
-    marked: Mask = (latest >= 0) & np.isin(values, levels[first::2])[latest]
-    return marked
+    return np.asarray((latest >= 0) & np.isin(values, levels[first::2])[latest])
 
 
 def _input_named(section: Section, key: str, name: str, inputs: Mapping[str, Array]) -> Array:

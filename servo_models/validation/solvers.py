@@ -136,8 +136,7 @@ class LinearSystem:
         n, m = self.b.shape
         joint = np.zeros((n + m, n + m))
         joint[:n, :n], joint[:n, n:] = self.a * span, self.b * span
-        transition: Array = expm(joint)[:n]
-        return transition
+        return np.asarray(expm(joint)[:n])
 
 
 Key = Hashable

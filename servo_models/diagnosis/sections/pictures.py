@@ -258,11 +258,8 @@ def moved(diagnosis: Diagnosis) -> tuple[Picture, ...]:
 def _draw_moved(diagnosis: Diagnosis, priors: Mapping[str, float], axes: Sequence[Axes]) -> None:
     (panel,) = axes
     names = diagnosis.stages
-    final = (
-        {value.name: value for value in diagnosis.found}
-        if diagnosis.selection.taken.effects
-        else {}
-    )
+    found = diagnosis.found if diagnosis.selection.taken.effects else ()
+    final = {value.name: value for value in found}
     for width, opacity in ((2.0, 0.35), (1.0, 0.55)):
         panel.axvspan(-width, width, color=colour("grid"), alpha=opacity, lw=0, zorder=0)
     farthest = NEAR

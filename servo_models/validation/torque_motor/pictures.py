@@ -86,8 +86,7 @@ def _response(hertz: float) -> complex:
 def _eq_12(hertz: Real) -> Complex:
     s = 2j * np.pi * hertz
     gain, poles = EQ_12
-    response: Complex = gain * np.exp(-DELAY * s) / np.polyval(poles, s)
-    return response
+    return np.asarray(gain * np.exp(-DELAY * s) / np.polyval(poles, s))
 
 
 def _decibel(response: Complex) -> Real:
