@@ -107,12 +107,8 @@ Signature = Codes | Answers
 
 
 def signature(fitted: FittedModel, name: str) -> Signature | None:
-    """Return the signature of an effect in the logs, None where it has none or they cannot show it.
-
-    Args:
-        fitted: with the effect on.
-        name: of the effect.
-    """
+    """Return the signature of an effect in the logs, None where it has none or they cannot show
+    it; ``fitted`` has it on."""
     place = fitted.problem.model.plant.main(name)
     if place.effect.hints.signature == "clock":
         return _answers(fitted, name)

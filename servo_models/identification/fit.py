@@ -227,13 +227,8 @@ def checked_logs(
     model: Model, logs: Sequence[Log], free: int = 0, where: object = None
 ) -> tuple[Log, ...]:
     """Return logs with how they begin and without single wild readings; refuse what nothing could
-    be said of, before the work.
-
-    Args:
-        model: nominal.
-        logs: to be fitted.
-        free: number of parameters that are.
-        where: the description, for the message.
+    be said of, before the work.  So many parameters are ``free``; ``where`` names the
+    description.
 
     Raises:
         UserError: no logs; every sample held out; an output that the model has not; no more

@@ -611,13 +611,10 @@ class Axis:
         return [one[: self.problem.samples] for one in errors]
 
     def tread(self, error: float, slope: float) -> float:
-        """Return a standard error [scales], at least that of a value anywhere on a step's tread.
+        """Return a standard error [scales], at least that of a value anywhere on a step's tread;
+        ``error`` as slopes tell it, ``slope`` the root of the sum of squares per scale.
 
         A delay beside a hold is known to the tick, however many samples there are.
-
-        Args:
-            error: as slopes tell it.
-            slope: root of the sum of squares, per scale.
         """
         if error > WIDE:
             return error

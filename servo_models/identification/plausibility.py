@@ -91,13 +91,8 @@ def implausible(described: Description) -> tuple[str, ...]:
 
 
 def mistaken_columns(model: Model, log: Log, answer: float) -> Iterator[Mistake]:
-    """Yield which columns contradict the nominal model by their sign, unit, scale or zero.
-
-    Args:
-        model: nominal.
-        log: that begins as it shows.
-        answer: see ``answer_time`` [s].
-    """
+    """Yield which columns contradict the nominal model by their sign, unit, scale or zero.  The log
+    begins as it shows; ``answer`` is the ``answer_time`` of the model [s]."""
     pairs = _compared(model, log)
     against = _against(model, log, pairs)
     yield from _about_signs(model, log, against)

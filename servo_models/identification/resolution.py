@@ -185,13 +185,7 @@ def shifted_outputs(
     runs: Iterable[Run], values: Mapping[str, float], floors: Mapping[str, float]
 ) -> Iterator[str]:
     """Yield which outputs of a log are those of the row before or after, while the first output is
-    that of its own, one sentence each with its cure.
-
-    Args:
-        runs: logs with their model.
-        values: of parameters [SI], by name.
-        floors: noise floor [SI] of each output.
-    """
+    that of its own, one sentence each with its cure; ``values`` and ``floors`` are in SI."""
     for run in runs:
         log, simulated = run.log, run.outputs_or_nan(values).T
         step = log.interval if len(log.times) > LEAST_ROWS else 0.0

@@ -86,12 +86,7 @@ def _identification_page(fit: Identification, date: str = "") -> Report:
 
 
 def identification_report(fit: Identification, floors: Mapping[str, float] | None = None) -> Report:
-    """Return a fit as people read it.
-
-    Args:
-        fit: from ``identification.fit.fit``.
-        floors: noise floors [SI] of outputs, by name.
-    """
+    """Return a fit as people read it; ``floors`` are the noise floors of outputs [SI]."""
     model = fit.fitted
     drawn = most_missed(_readings(fit), fit.sigma)
     pictures = tuple(reading.picture() for reading in drawn)

@@ -55,13 +55,8 @@ def colour(name: str) -> str:
 def drawing(
     rows: int = 1, height: float = 2.7, shared: bool = True
 ) -> Iterator[tuple[Figure, list[Axes]]]:
-    """Give a styled figure with ``rows`` axes.
-
-    Args:
-        rows: axes, one above the other.
-        height: of the figure [inch].
-        shared: they have one time or frequency axis.
-    """
+    """Give a styled figure with ``rows`` axes, one above the other, of a ``height`` [inch]; they
+    may have one time or frequency axis (``shared``)."""
     import matplotlib as mpl
     from matplotlib.figure import Figure
 

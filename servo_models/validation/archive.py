@@ -27,11 +27,8 @@ COMPRESSION = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # FMI 2.0.4, section 2
 
 @contextlib.contextmanager
 def unpacked(path: Path, megabytes: float) -> Iterator[Path]:
-    """A temporary folder with the files of an FMU; it goes at the end.
-
-    Args:
-        path: of the FMU.
-        megabytes: largest size of its files together.
+    """A temporary folder with the files of an FMU, ``megabytes`` together at most; it goes at the
+    end.
 
     Raises:
         UserError: no zip, a name that leads elsewhere, too much, or a description that has

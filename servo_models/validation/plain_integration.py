@@ -60,12 +60,7 @@ class _Link:
 
 
 class PlainPlant:
-    """A plant at fixed parameters, with its memories.
-
-    Args:
-        plant: its declaration.
-        values: every parameter by name, SI.
-    """
+    """A plant at fixed parameters, ``values`` [SI], with its memories."""
 
     def __init__(self, plant: Plant, values: Mapping[str, float]) -> None:
         self.plant = plant

@@ -48,14 +48,7 @@ TOGETHER = 0.5  # size of all effects at once over their typical ones
 
 
 def response_rows(case: Case, model: Model, run: Run, subject: str = "") -> list[Row]:
-    """Run a case and judge it.
-
-    Args:
-        case: see ``cases``.
-        model: with the parameters of the case.
-        run: how; the model in this process or an FMU.
-        subject: name of the FMU that is run, "" in this process.
-    """
+    """Run a case and judge it; ``subject`` names the FMU that is run, "" in this process."""
     columns = input_columns(case, model)
     out = run(model, case.times, columns)
     got = {name: out[:, k] for k, name in enumerate(model.plant.outputs)}
@@ -203,13 +196,8 @@ def _size(switch: Parameter, share: float) -> float:
 
 
 def plain_row(subject: Subject, chosen: Model, name: str) -> Row:
-    """Compare the simulation and the FMU with the plain integration.
-
-    Args:
-        subject: the FMU.
-        chosen: its model, with the effects to look at.
-        name: of the case.
-    """
+    """Compare the simulation and the FMU with the plain integration of ``chosen``, its model, with
+    the effects to look at."""
     where = (chosen.actuator.name, chosen.variant, f"blocks as plain functions: {name}")
     times = chosen.values["internal_step"] * np.cumsum((0.0, *STEPS))
     inputs = input_signals(chosen, times, held=HELD)
@@ -272,12 +260,8 @@ def _tube(fine: Course, step: float) -> tuple[Array, Array]:
 
 
 def named_cases(chosen: Model, in_turn: bool) -> Mapping[str, Model]:
-    """Return the models to look at, by name: as it is, then with effects.
-
-    Args:
-        chosen: the model.
-        in_turn: whether every effect is switched on in turn, or all of them at once only.
-    """
+    """Return the models to look at, by name: as it is, with every effect in turn where that is
+    asked for, and with all of them at once."""
     off = effects_off(chosen)
     models = {"as it is": chosen}
     if in_turn:

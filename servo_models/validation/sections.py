@@ -145,13 +145,8 @@ def _document(validation: Validation) -> ValidationDocument:
 
 @report_of.register(Validation)
 def report(validation: Validation, date: str = "", every: bool = False) -> Report:
-    """Return all figures; a terminal prints only the figure of each case nearest to its limit.
-
-    Args:
-        validation: the result.
-        date: shown beside the title.
-        every: a terminal prints every figure.
-    """
+    """Return all figures; unless ``every`` one is asked for, a terminal prints only the figure of
+    each case nearest to its limit."""
     examined = dict.fromkeys(row.actuator for row in validation.rows)
     how = "by files alone" if validation.claims == (FILES,) else "against references"
     return Report(

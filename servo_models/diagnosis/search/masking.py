@@ -47,14 +47,8 @@ class MaskedEffect:
 def masked_effects(
     fitter: Fitter, retuned: FittedModel, results: Iterable[Screened], least: float
 ) -> list[MaskedEffect]:
-    """Return effects that may be there beside re-tuned parameters, the largest first.
-
-    Args:
-        fitter: without any effect.
-        retuned: nominal parameters alone.
-        results: results of screening every effect.
-        least: RMS [noise floors] by which an effect has to move the outputs.
-    """
+    """Return effects that may be there beside re-tuned parameters, of those that move the outputs
+    by ``least`` [RMS, noise floors], the largest first."""
     alike: dict[tuple[object, ...], list[Screened]] = {}
     for result in results:
         # a ripple is screened as a share of each phase, at no size of its own; codes and clocks

@@ -150,12 +150,8 @@ def _codes(log: Log, name: str) -> tuple[float, float]:
 
 
 def _noise(errors: Array, white: float) -> tuple[float, float]:
-    """Power of the noise in errors, and the standard error of what is left of them without it.
-
-    Args:
-        errors: of one record, shape (n,).
-        white: power of the white noise that is known to be in it.
-    """
+    """Power of the noise in the errors of a record, shape (n,), of which ``white`` is known, and
+    the standard error of what is left without it."""
     n, power = len(errors), float(np.mean(errors**2))
     if n < LEAST_SAMPLES or power <= 0.0:
         return power, 0.0

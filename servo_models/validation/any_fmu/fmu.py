@@ -51,11 +51,7 @@ class Variable:
 
 
 class AnyFmu(OpenFmu):
-    """An FMU of FMI 2.0 or 3.0 for co-simulation, whoever made it.
-
-    Attributes:
-        variables: by name.
-    """
+    """An FMU of FMI 2.0 or 3.0 for co-simulation, whoever made it."""
 
     strict = False  # most public FMUs break some rule, and run
     cure = "write it again with the tool that made it"
