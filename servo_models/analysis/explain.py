@@ -192,12 +192,8 @@ def _effect_sheet(name: str) -> Report:
 def actuator_sheet(
     actuator: Actuator, variant: str | None = None, values: Mapping[str, float] | None = None
 ) -> Report:
-    """Return the data sheet of an actuator.
-
-    Args:
-        variant: whose equations are shown; None for the default one.
-        values: [SI] of all parameters, None for those of the variant.
-    """
+    """Return the data sheet of an actuator: equations of a variant, by default the first, with
+    ``values`` [SI] of all parameters, by default its own."""
     plant = actuator.plant_of(variant)
     of_actuator = [parameter for parameter in plant.parameters.values() if not parameter.owner]
     placed = [parameter for parameter in plant.parameters.values() if parameter.owner]

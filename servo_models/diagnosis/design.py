@@ -140,13 +140,8 @@ def is_filled(path: Path) -> bool:
 def next_experiments(
     rivals: Sequence[FittedModel], weights: Sequence[float], seed: int = 0
 ) -> tuple[Experiment, ...]:
-    """Return the command that best tells the fitted models left apart, none for fewer than two.
-
-    Args:
-        rivals: fitted models that a diagnosis leaves, the likeliest first.
-        weights: their probabilities.
-        seed: seed of random commands.
-    """
+    """Return the command that best tells the fitted models left apart, none for fewer than two;
+    the likeliest first, ``weights`` their probabilities."""
     if len(rivals) < 2:
         return ()
     designer = ExperimentDesigner(rivals[:MOST], weights[:MOST], seed)
@@ -171,12 +166,6 @@ def repeats_wanted(
 
     That is where no noise floor comes from repeats, and the part of the errors that is no noise
     is large enough to matter while its lower bound is not.
-
-    Args:
-        left: what the errors of the fitted model taken consist of.
-        origins: where the noise floor of each output is from.
-        logs: logs of the diagnosis.
-        settings: settings of the diagnosis.
     """
     large = left.structured > settings.structured_over_noise * left.noise
     if not large or sure(left, settings) or REPEATS in origins:

@@ -212,10 +212,6 @@ def learn(taken: FittedModel, retuned: FittedModel | None = None) -> ResidualMap
     It is learnt beside the effects that were taken, or else beside parameters alone: effects none
     of which explains all may stand for a part of what is missing.
 
-    Args:
-        taken: model with the effects that were taken, if any.
-        retuned: model with parameters alone.
-
     Returns:
         None where no map holds on unseen blocks, one is on, or the plant has no place for it.
     """

@@ -487,15 +487,10 @@ def spread(problem: Problem, vector: Array) -> Spread:
 def _profiled(
     problem: Problem, vector: Array, slopes: Array, which: int, error: float
 ) -> tuple[float, Profile]:
-    """Return how much wider the interval of an estimate is than slopes say, and the profile that
-    tells it: others follow along their slopes.
+    """Return how much wider the interval of an estimate is than its standard error by slopes
+    [scales] says, and the profile that tells it: others follow along their slopes.
 
     A limit that is met for moments, and a jump, are told from one side only.
-
-    Args:
-        problem, vector, slopes: about which.
-        which: of the estimates.
-        error: its standard error by slopes [scales].
     """
     others, (low, high) = factors(np.delete(slopes, which, axis=1)), problem.bounds
     end = PROFILED_ERRORS * error

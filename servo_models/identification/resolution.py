@@ -78,14 +78,8 @@ def blurs(
     values: Mapping[str, float],
     workers: Workers = ALONE,
 ) -> tuple[Blur, ...]:
-    """Return what the resolution of each input's column does to outputs, the largest first.
-
-    Args:
-        model: simulated with these ``values`` [SI].
-        logs: measured runs.
-        floors: noise floor [SI] of each output.
-        values: of parameters.
-        workers: on which copies are simulated.
+    """Return what the resolution of each input's column does to outputs, the largest first;
+    ``values`` of parameters and noise ``floors`` are in SI.
 
     Columns with copies that cannot be simulated are left out.
     """
@@ -225,12 +219,8 @@ def with_unsure_inputs(
 ) -> tuple[Log, ...]:
     """Return logs that know what lost rows and steps of their inputs' columns may have done.
 
-    Args:
-        model: simulated with these ``values`` [SI].
-        logs: those of which all is known stay as they are.
-        values: of parameters.
-        floors: noise floor [SI] of each output.
-        between_rows: whether commands may have changed any time before the row that has them.
+    Where ``between_rows``, commands may have changed any time before the row that has them.
+    ``values`` of parameters and noise ``floors`` are in SI.
     """
     return tuple(_with_unsure_inputs(model, log, values, floors, between_rows) for log in logs)
 

@@ -206,10 +206,6 @@ def _settled(run: Run, shaft: Shaft, command: str, value: float) -> float | None
 def false_statements(model: Model, logs: Sequence[Log]) -> dict[str, tuple[str, Log]]:
     """Return what is wrong with stated starts, by the name of the log.
 
-    Args:
-        model: nominal values.
-        logs: measured runs, as their description has them.
-
     Returns:
         a sentence with its cure, and the log as its first samples show that it begins.
     """

@@ -94,13 +94,8 @@ def label(
     shift: tuple[float, float] = (0.0, 0.0),
     align: str = "left",
 ) -> None:
-    """Write ``text`` at a point in a curve's colour; the page draws a halo around it.
-
-    Args:
-        at: point in data coordinates.
-        shift: from there to the right and up [points].
-        align: which end of the text is at the point.
-    """
+    """Write ``text`` at a point in data coordinates and a ``shift`` [points], in a curve's colour;
+    the page draws a halo around it."""
     axes.annotate(
         text,
         at,

@@ -207,15 +207,8 @@ class Compared:
 def compare(
     name: str, unit: str, reference: Trace, response: Trace, limits: Allowed, step: float
 ) -> Compared:
-    """Judge one output.
-
-    Args:
-        name, unit: of the output, for the sentences.
-        reference: what is right.
-        response: of the FMU, over the same time.
-        limits: see ``allowed``.
-        step: communication step of the response [s].
-    """
+    """Judge one output within ``limits``, see ``allowed``; ``step`` is the communication step of
+    the response [s]."""
     bad = np.flatnonzero(~np.isfinite(response.values))
     if len(bad):
         when = response.times[bad[0]]
