@@ -257,7 +257,10 @@ def _parameter_rows(
 
 
 def _chain_rows(plant: Plant) -> Iterator[tuple[str, str, str]]:
-    for place, links in itertools.groupby(plant.chain, _place_of):
+    def place_of(link: Block | Placement) -> str:
+        return ", ".join(link.on) if isinstance(link, Placement) else ""
+
+    for place, links in itertools.groupby(plant.chain, place_of):
         if place:
             yield f"~ {place}", ", ".join(link.name for link in links), ""
             continue
@@ -269,10 +272,6 @@ def _chain_rows(plant: Plant) -> Iterator[tuple[str, str, str]]:
     if plant.projection:
         contact = plant.projection
         yield ", ".join(contact.gives), _equation(contact, plant), contact.source
-
-
-def _place_of(link: Block | Placement) -> str:
-    return ", ".join(link.on) if isinstance(link, Placement) else ""
 
 
 def _equation(block: Block, plant: Plant) -> str:

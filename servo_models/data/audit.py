@@ -74,7 +74,13 @@ def audits(logs: Sequence[Log], plant: Plant) -> tuple[Audit, ...]:
     samples that are almost evenly spaced.
     """
     audited = [_audit(log, plant, steps) for log, steps in zip(logs, _steps(logs, plant))]
-    commanded, moves = _commands_vary(logs, plant), any(map(_moves, audited))
+    # single wild readings apart
+    moves = any(
+        usual_width(it.log.outputs[reading.name]) > MOVES * reading.floor.value
+        for it in audited
+        for reading in it.readings
+    )
+    commanded = _commands_vary(logs, plant)
     return tuple(replace(it, commanded=commanded, moves=moves) for it in audited)
 
 
@@ -84,14 +90,6 @@ def show_motion(logs: Sequence[Log], plant: Plant) -> bool:
     Inputs that differ between logs count as well, and a log that begins in motion.
     """
     return _commands_vary(logs, plant) or audits(logs, plant)[0].moves
-
-
-def _moves(audit: Audit) -> bool:
-    """Whether an output of a log moves beyond its noise, single wild readings apart."""
-    return any(
-        usual_width(audit.log.outputs[reading.name]) > MOVES * reading.floor.value
-        for reading in audit.readings
-    )
 
 
 def _commands_vary(logs: Sequence[Log], plant: Plant) -> bool:

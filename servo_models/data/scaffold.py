@@ -88,19 +88,14 @@ class Draft:
         names: dict[str, list[str | int]] = {}
         for column in self.unused:
             if column.table == self.table:
-                why = _why_not(column, self)
-                names.setdefault(why, []).append(column.key)
+                names.setdefault(_why_not(column, self), []).append(column.key)
             else:
                 names.setdefault("what else is in other tables", []).append(column.table or "")
-        words = [column.key for column in self.left_out if not column.damaged]
-        if words:
+        if words := [column.key for column in self.left_out if not column.damaged]:
             names["not numbers throughout"] = words
-        return tuple(
-            printable(
-                f"not used, {why}: {', '.join(map(_quoted, dict.fromkeys(keys)))}", LONGEST_SENTENCE
-            )
-            for why, keys in names.items()
-        )
+        listed = {why: ", ".join(map(_quoted, dict.fromkeys(keys))) for why, keys in names.items()}
+        told = (f"not used, {why}: {keys}" for why, keys in listed.items())
+        return tuple(printable(text, LONGEST_SENTENCE) for text in told)
 
     def text(self, folder: Path) -> str:
         """Return the description as TOML, to stand in ``folder``."""
