@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servo_models.analysis.experiment import display, in_time
+from servo_models.analysis.statistics import rms
 from servo_models.core.plant import Plant
 from servo_models.core.simulate import Model
 from servo_models.core.types import Array
@@ -185,7 +186,7 @@ def shifted_outputs(
         step = log.interval if len(log.times) > LEAST_ROWS else 0.0
         rows = [_best_row(*pair) for pair in zip(log.outputs.values(), simulated)]
         for (name, measured), response, row in zip(log.outputs.items(), simulated, rows):
-            left = float(np.sqrt(np.mean((measured - response) ** 2)))
+            left = rms(measured - response)
             if not step or rows[0] or not row or left < SEEN_FLOORS * floors[name]:
                 continue
             where, shift = ("before", -step) if row < 0 else ("after", step)

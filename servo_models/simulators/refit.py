@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy.optimize import least_squares
 
+from servo_models.analysis.statistics import rms
 from servo_models.core.types import Array
 from servo_models.errors import UserError
 from servo_models.simulators.servo import Run
@@ -59,7 +60,7 @@ class Fit:
 
     def cost(self, values: Mapping[str, float]) -> float:
         """Return the RMS error [rad]."""
-        return float(np.sqrt(np.mean(self.errors(values) ** 2)))
+        return rms(self.errors(values))
 
     def searched(self, begin: Mapping[str, float], fixed: Sequence[str] = ()) -> dict[str, float]:
         """Return the least-squares values of a search; a field that begins at 0 stays off."""

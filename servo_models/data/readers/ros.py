@@ -39,6 +39,16 @@ def message_columns(
     return columns + columns_of(source, named), aliases if len(orders) == 1 else {}
 
 
+def plain(value: Any) -> Any:
+    """Return a message of ROS 2, as either library has it, as dictionaries, lists and scalars."""
+    fields = getattr(value, "__dataclass_fields__", None) or getattr(value, "__slots__", None)
+    if fields is not None:
+        return {name: plain(getattr(value, name)) for name in fields if name != "__msgtype__"}
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    return [plain(item) for item in value] if isinstance(value, (list, tuple)) else value
+
+
 def _stamp(record: Any) -> int | None:
     """The stamp of a header [ns], None where there is none."""
     header = record.get("header") if isinstance(record, dict) else None

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from servo_models.analysis.statistics import rms
 from servo_models.core.types import Array
 from servo_models.report.numbers import number, plain, prefix, with_unit
 
@@ -266,8 +267,7 @@ class _Look:
         worst = abs(float(self.beyond[self.worst]))
         yield Measured("distance from the tube's middle", worst, value, self.unit)
         size = self.range or float(np.max(np.abs(self.right))) or 1.0
-        rms = _rms(self.beyond) / size
-        yield Measured("NRMSE", rms, value / size, "1")
+        yield Measured("NRMSE", rms(self.beyond) / size, value / size, "1")
         yield Measured("error at the start", abs(float(self.beyond[0])), value, self.unit)
         yield Measured("error at the end", abs(self._end(self.beyond)), value, self.unit)
         yield from self._events()
@@ -278,7 +278,7 @@ class _Look:
         """Gain, delay and drift of a curve that moves."""
         spread = float(np.std(self.right)) or 1.0
         delay, _ = self.delay()
-        slope = _rms(np.gradient(self.right, self.times))
+        slope = rms(np.gradient(self.right, self.times))
         longest = max(self.limits.time, self.limits.value / slope if slope else math.inf)
         gain, _ = self.gain(self.right + self.beyond)
         yield Measured("gain error", abs(gain - 1.0), self.limits.value / spread, "1")
@@ -315,7 +315,7 @@ class _Look:
         times, got = self.times[::every], self.got[::every]
 
         def left(shift: float) -> float:
-            return _rms(got - self.reference.at(times - shift))
+            return rms(got - self.reference.at(times - shift))
 
         longest = SEARCHED * (self.times[-1] - self.times[0])
         count = min(int(longest / self.sample * 2.0) + 1, MOST_SHIFTS)
@@ -362,7 +362,7 @@ class _Look:
 
         Where events differ as well, a cause has to explain nearly all.
         """
-        whole = _rms(self.error)
+        whole = rms(self.error)
         single = min(self._single(), key=lambda one: one[0])
         if single[0] > ENOUGH * whole and self.range:
             gain, left = self.gain(self.got)
@@ -376,13 +376,13 @@ class _Look:
         """The RMS difference that each cause leaves, and the sentence for it."""
         offset = float(np.mean(self.error))
         yield (
-            _rms(self.error - offset),
+            rms(self.error - offset),
             lambda: f"is {self._value(abs(offset))} too " + ("high" if offset > 0.0 else "low"),
         )
         part = self._part()
         drift = float(part @ self.error) / float(part @ part)
         yield (
-            _rms(self.error - drift * part),
+            rms(self.error - drift * part),
             lambda: f"drifts by {self._value(drift)} over the run",
         )
         if not self.range:
@@ -419,7 +419,7 @@ class _Look:
 
     def _roughness(self) -> float:
         """RMS change of the error from sample to sample over its RMS: 1.4 is white noise."""
-        return _rms(np.diff(self.error)) / (_rms(self.error - self.error.mean()) or 1.0)
+        return rms(np.diff(self.error)) / (rms(self.error - self.error.mean()) or 1.0)
 
     def _gain_words(self, gain: float, origin: float) -> str:
         if abs(gain + 1.0) < 0.05:
@@ -468,7 +468,7 @@ class _Look:
         if np.sum(outside) <= SPIKE:
             return f"leaves the reference for {int(np.sum(outside))} point(s): {self._worst()}"
         if self._roughness() > 1.0:
-            return f"is noisy: it differs by {self._value(_rms(error))} RMS from sample to sample"
+            return f"is noisy: it differs by {self._value(rms(error))} RMS from sample to sample"
         end = self._end(self.beyond)
         if abs(end) > max(self.limits.value, 0.5 * float(np.max(np.abs(error)))):
             right, got = self._end(self.right), self._end(self.got)
@@ -532,11 +532,7 @@ def _slope(right: Array, got: Array) -> tuple[float, float]:
     """Slope of a line through 0 that gives one curve from another, and what it leaves."""
     power = float(right @ right)
     slope = float(right @ got) / power if power else 1.0
-    return slope, _rms(got - slope * right)
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))
+    return slope, rms(got - slope * right)
 
 
 def _late(time: float) -> str:
