@@ -157,16 +157,9 @@ def _earlier(log: Log, name: str, changes: NDArray[np.int64], random: np.random.
 
 def _at(times: Array, log: Log, inputs: Mapping[str, Array]) -> Log:
     """The log at its own times and others between, which no fit sees."""
-    held = np.searchsorted(log.times, times, "right") - 1
-    return replace(
-        log,
-        times=times,
-        inputs=inputs,
-        outputs={name: values[held] for name, values in log.outputs.items()},
-        rows=log.rows[held],
-        held_out=log.held_out[held] | ~np.isin(times, log.times),
-        skipped=None if log.skipped is None else log.skipped[held],
-    )
+    held = log.at(np.searchsorted(log.times, times, "right") - 1)
+    unseen = held.held_out | ~np.isin(times, log.times)
+    return replace(held, times=times, inputs=inputs, held_out=unseen)
 
 
 # Outputs that were read at another time than the first one

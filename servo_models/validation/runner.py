@@ -81,10 +81,12 @@ def validate(
         opened: list[Subject] = []
         compared: list[Path] = []
         for k, subject in enumerate(chosen):
-            path = _built(subject, folder / str(k))
-            ours = _ours(
-                path, subject.actuator if isinstance(subject, Model) else own, limits, against
-            )
+            if isinstance(subject, Model):
+                maker: Actuator | None = subject.actuator
+                path = build(subject, folder / str(k) / f"{subject.actuator.name}.fmu")
+            else:
+                maker, path = own, Path(subject)
+            ours = _ours(path, maker, limits, against)
             if ours:
                 opened.append(ours)
                 stack.callback(ours.close)
@@ -131,12 +133,6 @@ def every_model() -> list[Model]:
         if variant.name == actuator.default_variant
         or not actuator.plant_of(variant.name).has_equations_of(actuator.plant_of())
     ]
-
-
-def _built(subject: Model | str | Path, folder: Path) -> Path:
-    if isinstance(subject, Model):
-        return build(subject, folder / f"{subject.actuator.name}.fmu")
-    return Path(subject)
 
 
 def _ours(

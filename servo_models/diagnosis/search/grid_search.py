@@ -188,24 +188,11 @@ def shortened(logs: Sequence[Log], samples: int) -> tuple[Log, ...]:
     """
     share = samples / sum(len(log.times) for log in logs)
     while share < 1.0:
-        parts = tuple(_first(log, max(2, int(share * len(log.times)))) for log in logs)
+        parts = tuple(log.at(slice(max(2, int(share * len(log.times))))) for log in logs)
         if sum(int(log.fitted.sum()) for log in parts) > 0.5 * samples:
             return parts
         share *= 2.0
     return tuple(logs)
-
-
-def _first(log: Log, count: int) -> Log:
-    return replace(
-        log,
-        times=log.times[:count],
-        inputs={name: values[:count] for name, values in log.inputs.items()},
-        outputs={name: values[:count] for name, values in log.outputs.items()},
-        rows=log.rows[:count],
-        held_out=log.held_out[:count],
-        skipped=None if log.skipped is None else log.skipped[:count],
-        unsure=log.unsure and {name: values[:count] for name, values in log.unsure.items()},
-    )
 
 
 def _between(every: Sequence[Values], grid: Sequence[Values], size: Values) -> list[Values]:
