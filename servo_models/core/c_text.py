@@ -194,11 +194,7 @@ def _functions(make: ast.FunctionDef) -> tuple[ast.FunctionDef, ast.FunctionDef]
 
 
 def _at_rest(function: ast.FunctionDef, write: _Function) -> Iterator[str]:
-    returned = function.body[0]
-    assert isinstance(returned, ast.Return)
-    assert isinstance(returned.value, ast.BinOp)
-    assert isinstance(returned.value.left, ast.List)
-    values = returned.value.left.elts
+    values = next(node for node in ast.walk(function) if isinstance(node, ast.List)).elts
     for i, value in enumerate(values):
         yield f"v__x[{i}] = {write.plain(value)};"
     yield f"memset(v__x + {len(values)}, 0, (SIZE - {len(values)}) * sizeof *v__x);"

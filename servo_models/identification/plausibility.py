@@ -180,14 +180,10 @@ def _about_held_inputs(model: Model, log: Log) -> Iterator[str]:
         values = log.inputs.get(wire.name, log.constants.get(wire.name))
         if wire.name == main or wire.flag or values is None or not isinstance(wire.rest, float):
             continue
-        level = float(np.median(values))
+        level, stated = float(np.median(values)), wire.name in log.constants
         if wire.rest:
             yield from _about_supply(model, log, wire, level)
-        elif (
-            wire.name in log.constants
-            and _is_declared(wire)
-            and abs(level) > MOST_LOAD * wire.scale
-        ):
+        elif stated and _is_declared(wire) and abs(level) > MOST_LOAD * wire.scale:
             yield (
                 f"'{wire.name}' = {level:g} {wire.unit} is {abs(level) / wire.scale:.3g} times the"
                 f" full scale of '{model.actuator.name}', {wire.scale:g} {wire.unit}: give what"

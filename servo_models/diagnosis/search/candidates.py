@@ -123,13 +123,12 @@ def candidates(
             owned.setdefault(parameter.owner, []).append(parameter)
     switched_off = []
     for name, parameters in owned.items():
-        switches = [p for p in parameters if p.param.switch and p.param.typical > 0.0]
+        effect = _Off(model, logs, name, parameters)
         on = any(model.values[p.name] != 0.0 for p in parameters if p.param.switch)
-        main = model.plant.main(name)
-        hints = main.effect.hints
-        vain = hints.learnt or (hints.of_changes and _never_changes(model, logs, main.on[0]))
-        if switches and not on and not vain and name not in skipped:
-            switched_off.append(_Off(model, logs, name, switches, parameters).candidate())
+        hints = effect.hints
+        vain = hints.learnt or (hints.of_changes and _never_changes(model, logs, effect.wire))
+        if effect.switches and not on and not vain and name not in skipped:
+            switched_off.append(effect.candidate())
     return tuple(switched_off)
 
 
@@ -146,15 +145,10 @@ class _Off:
     """An effect that is off in a model, at its place, and the logs that may have it."""
 
     def __init__(
-        self,
-        model: Model,
-        logs: Sequence[Log],
-        name: str,
-        switches: list[Parameter],
-        parameters: list[Parameter],
+        self, model: Model, logs: Sequence[Log], name: str, parameters: list[Parameter]
     ) -> None:
-        self.model, self.logs, self.name, self.switches = model, logs, name, switches
-        self.plant = model.plant
+        self.model, self.plant, self.logs, self.name = model, model.plant, logs, name
+        self.switches = [p for p in parameters if p.param.switch and p.param.typical > 0.0]
         main = model.plant.main(name)
         self.hints, self.wire = main.effect.hints, main.on[0]
         self.shape = [

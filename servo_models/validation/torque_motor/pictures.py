@@ -13,6 +13,7 @@ from servo_models.core.simulate import Result, model, simulate
 from servo_models.report.numbers import number, with_unit
 from servo_models.report.sections import Picture, Section
 from servo_models.report.style import colour, label
+from servo_models.validation.torque_motor.cases import NO_STOPS
 from servo_models.validation.torque_motor.reference import DELAY, EQ_12
 
 if TYPE_CHECKING:
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-NO_STOPS = {"end_stops.half_range": 0.0}
 FINAL = 3.0004  # angle [deg] at which eq. 12 rests at 40 V
 
 STOP = 3.0  # half range between the stops [deg]
