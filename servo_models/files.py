@@ -26,8 +26,7 @@ from pathlib import Path
 
 from servo_models.errors import UserError
 
-SEAL = "sealed.json"
-"""File of a cache entry with its name and the SHA-256 of every other file in it."""
+SEAL = "sealed.json"  # file of a cache entry: its name and the SHA-256 of its other files
 _PREFIX, _SUFFIX = ".servo-models-", ".part"
 _PART = re.compile(rf"{re.escape(_PREFIX)}[a-z0-9_]{{8}}{re.escape(_SUFFIX)}")
 """What ``tempfile`` makes of prefix and suffix."""

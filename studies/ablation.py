@@ -156,8 +156,8 @@ RULES = {
     "look-alikes once": Rule([(selection, "SAME_COSINE", 2.0)], [selection.same]),
     "errors that follow": Rule([(verdict, "not_followed", lambda *_: [])]),
     "locked to the command": Rule(
-        [(verdict, "_locked", lambda *_: residual_regression.LockedTest(1.0, 0.0, 0.0, ""))],
-        [verdict._locked],
+        [(verdict, "command_locked", lambda *_: residual_regression.LockedTest(1.0, 0.0, 0.0, ""))],
+        [residual_regression.command_locked],
     ),
     "limit cycle": Rule([(verdict, "unrepeatable", lambda *_: 0.0)], [limit_cycle.unrepeatable]),
     "structured part": Rule([(verdict, "lacks", lambda *_: False)], [residuals.unmodelled]),

@@ -49,8 +49,7 @@ OF_THE_ENGINE = (
     CURVES["load"],
 )
 FOR_THE_JOINT = {"friction": "friction loss", "shaft_inertia": "armature", "travel": "half range"}
-UNIT_OF_ANGLE = "angle_unit"
-"""Angle of the output per angle of the shaft; an engine's joint turns as its body does."""
+UNIT_OF_ANGLE = "angle_unit"  # angle of the output over that of the shaft: 1 for an engine's joint
 
 
 def torque_causal(actuator: Actuator) -> Actuator:

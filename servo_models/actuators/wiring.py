@@ -13,8 +13,7 @@ from servo_models.effects.gain_error import gain_error
 from servo_models.effects.residual_map import CURVES, time_since_reversal
 
 RESIDUAL_MAP = "residual_map"
-UNKNOWN_SCALE = {"error": {"low": -2.0, "high": 9.0}}
-"""Bounds of the scale error of an input column: from the other sign to ten times as large."""
+UNKNOWN_SCALE = {"error": {"low": -2.0, "high": 9.0}}  # bounds: from the other sign to ten times
 LEARNT = (
     Wire("residual", "1", "curves of the residual map, over its sizes"),
     Wire("since_reversal", "s", "time since the motion turned, negative while it is"),

@@ -43,12 +43,8 @@ class Characteristic:
 
 
 def characteristic(plant: Plant, values: Mapping[str, float], name: str) -> Characteristic | None:
-    """Return the characteristic of an effect at its place, None for an effect that has none.
-
-    Args:
-        plant: that has it.
-        values: every parameter [SI] by name.
-        name: of the effect as placed.
+    """Return the characteristic of an effect as placed in a plant with all these ``values`` [SI],
+    None for an effect that has none.
 
     Example:
         >>> import servo_models as sm

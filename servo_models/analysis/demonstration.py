@@ -33,11 +33,8 @@ DURATION = 2.0  # duration of the run in stop times of the actuator
 POINTS = 2001  # communication points of the run
 BREAKS = (0.0, 0.05, 0.05, 0.45, 0.85, 1.0)  # times of the command's corners over the run's
 HEIGHTS = (0.0, 0.0, 1.0, 1.0, -1.0, -1.0)  # command at the corners in standard steps
-STRENGTHS = (1.0, 3.0, 10.0, 0.3, 0.1)
-"""Sizes tried in turn, in typical values: a limit shows when it is low, the others when high."""
-LOADS = (0.0, 0.3)
-"""Loads tried in turn, in full scales of the load input if there is one: some effects show only
-under load."""
+STRENGTHS = (1.0, 3.0, 10.0, 0.3, 0.1)  # sizes tried in turn, over typical: limits show when low
+LOADS = (0.0, 0.3)  # loads tried in turn [full scales]: some effects show only under load
 VISIBLE = 0.02  # smallest change of the output, over its range, that the eye sees
 
 
@@ -96,10 +93,15 @@ def _runs(effect: str) -> Iterator[Demonstration]:
         for place in sorted(places(effect), key=_depth):
             if load and not _load(place.actuator):
                 continue
-            neutral = _neutral(place.actuator)
+            parameters = place.actuator.plant.parameters.values()
+            neutral = {it.name: 0.0 for it in parameters if it.param.switch}
             without = _run(place.actuator, neutral, load)
             for strength in STRENGTHS:
-                active = _active(place, strength)
+                active = {
+                    it.name: min(strength * it.param.typical, it.param.high)
+                    for it in place.parameters
+                    if it.param.switch
+                }
                 changed = _run(place.actuator, {**neutral, **active}, load)
                 yield Demonstration(
                     place,
@@ -134,20 +136,6 @@ def _run(actuator: Actuator, parameters: dict[str, float], load: float) -> Resul
 def _load(actuator: Actuator) -> Wire | None:
     """The input for a load against the motion, None if the actuator has none."""
     return next((wire for wire in actuator.plant.inputs if wire.name.startswith("load_")), None)
-
-
-def _neutral(actuator: Actuator) -> dict[str, float]:
-    parameters = actuator.plant.parameters.values()
-    return {parameter.name: 0.0 for parameter in parameters if parameter.param.switch}
-
-
-def _active(place: Place, strength: float) -> dict[str, float]:
-    """Switches of the effect at a multiple of their typical values, within their bounds."""
-    return {
-        parameter.name: min(strength * parameter.param.typical, parameter.param.high)
-        for parameter in place.parameters
-        if parameter.param.switch
-    }
 
 
 def _shown(place: Place, active: dict[str, float]) -> str:

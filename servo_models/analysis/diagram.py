@@ -110,10 +110,6 @@ def boxes(plant: Plant) -> list[Box]:
 def diagram(actuator: Actuator, variant: str | None = None) -> Picture:
     """Return the block diagram of an actuator, in its natural size.
 
-    Args:
-        actuator: of the catalogue or of your own.
-        variant: whose plant is drawn; default the first.
-
     Raises:
         UserError: no variant of that name.
 

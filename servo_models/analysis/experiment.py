@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from servo_models.core.plant import Wire, unknown
+from servo_models.core.plant import Wire, check_known
 from servo_models.core.simulate import Model, Result, simulate
 from servo_models.errors import UserError
 from servo_models.report.numbers import Quantity
@@ -39,9 +39,7 @@ def step(
     actuator = chosen.actuator
     given = dict(inputs or [actuator.step])
     wires = {wire.name: wire for wire in chosen.plant.inputs}
-    for name in given:
-        if name not in wires:
-            raise UserError(unknown("input", name, wires, f"actuator '{actuator.name}'"))
+    check_known("input", given, wires, f"actuator '{actuator.name}'")
     values = {name: _input(wires[name], value) for name, value in given.items()}
     end = _positive("stop", chosen.stop_time if stop is None else stop)
     size = _positive("dt", chosen.step_size if dt is None else dt)

@@ -192,12 +192,8 @@ def _effect_sheet(name: str) -> Report:
 def actuator_sheet(
     actuator: Actuator, variant: str | None = None, values: Mapping[str, float] | None = None
 ) -> Report:
-    """Return the data sheet of an actuator.
-
-    Args:
-        variant: whose equations are shown; None for the default one.
-        values: [SI] of all parameters, None for those of the variant.
-    """
+    """Return the data sheet of an actuator: equations of a variant, by default the first, with
+    ``values`` [SI] of all parameters, by default its own."""
     plant = actuator.plant_of(variant)
     of_actuator = [parameter for parameter in plant.parameters.values() if not parameter.owner]
     placed = [parameter for parameter in plant.parameters.values() if parameter.owner]
@@ -261,7 +257,10 @@ def _parameter_rows(
 
 
 def _chain_rows(plant: Plant) -> Iterator[tuple[str, str, str]]:
-    for place, links in itertools.groupby(plant.chain, _place_of):
+    def place_of(link: Block | Placement) -> str:
+        return ", ".join(link.on) if isinstance(link, Placement) else ""
+
+    for place, links in itertools.groupby(plant.chain, place_of):
         if place:
             yield f"~ {place}", ", ".join(link.name for link in links), ""
             continue
@@ -273,10 +272,6 @@ def _chain_rows(plant: Plant) -> Iterator[tuple[str, str, str]]:
     if plant.projection:
         contact = plant.projection
         yield ", ".join(contact.gives), _equation(contact, plant), contact.source
-
-
-def _place_of(link: Block | Placement) -> str:
-    return ", ".join(link.on) if isinstance(link, Placement) else ""
 
 
 def _equation(block: Block, plant: Plant) -> str:

@@ -12,6 +12,7 @@ import io
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,7 +24,7 @@ from servo_models.analysis.experiment import step as standard_step
 from servo_models.analysis.linear_model import LinearModel
 from servo_models.analysis.linearise import linearise
 from servo_models.analysis.sine_test import STEP_POINTS, SineTest
-from servo_models.core.plant import unknown
+from servo_models.core.plant import check_known
 from servo_models.core.simulate import Model
 from servo_models.errors import UserError
 from servo_models.files import write_whole
@@ -36,8 +37,7 @@ HALF_POWER = math.sqrt(0.5)
 RATIO = 10.0 ** (1.0 / 12.0)  # frequency of a sweep over the one before
 DECADES = 5  # decades of frequency after which a sweep is given up
 
-Response = Callable[[float], complex]
-"""Output over input [SI] at a frequency [Hz]."""
+Response = Callable[[float], complex]  # output over input [SI] at a frequency [Hz]
 
 
 @dataclass(frozen=True)
@@ -107,18 +107,16 @@ class Figures(Result):
         content = io.BytesIO()
         match path.suffix.lower():
             case ".json":
-                content.write(
-                    (json.dumps(self.document(), indent=2, allow_nan=False) + "\n").encode()
-                )
+                text = json.dumps(self.document(), indent=2, allow_nan=False)
+                content.write(f"{text}\n".encode())
             case ".mat":
                 from scipy.io import savemat
 
                 savemat(content, _for_matlab(self.document()), long_field_names=True)
             case _:
                 text = json.dumps(self.document(), allow_nan=False)
-                arrays: dict[str, Any] = (
-                    dict(zip("ABCD", self.linear.matrices())) if self.linear else {}
-                )
+                matrices = self.linear.matrices() if self.linear else ()
+                arrays: dict[str, Any] = dict(zip("ABCD", matrices))
                 np.savez(content, figures=text, **arrays)
         write_whole(path, content.getvalue())
 
@@ -178,7 +176,9 @@ def figures(
         (3.55, 0.0648)
     """
     (main, size), output = model.actuator.step, model.plant.outputs[0]
-    point = {name: _input_value(model, name, value) for name, value in (at or {}).items()}
+    wires, given = {wire.name: wire for wire in model.plant.inputs}, at or {}
+    check_known("input", given, wires, f"actuator '{model.actuator.name}'")
+    point = {n: _parsed(f"input '{n}'", value, wires[n].unit) for n, value in given.items()}
     wanted = sorted(_above_0("frequency", value, "Hz") for value in frequencies)
     reference = standard_step(model, dt=model.stop_time / STEP_POINTS)
     change = size - float(model.plant.wire[main].rest)
@@ -296,13 +296,6 @@ def _small(
     return frequency_figures(response, math.copysign(abs(static), static.real), lowest, wanted)
 
 
-def _input_value(model: Model, name: str, value: float | str) -> float:
-    wires = {wire.name: wire for wire in model.plant.inputs}
-    if name not in wires:
-        raise UserError(unknown("input", name, wires, f"actuator '{model.actuator.name}'"))
-    return _parsed(f"input '{name}'", value, wires[name].unit)
-
-
 def _amplitude(model: Model, value: float | str, gain: float) -> float:
     """Amplitude of the main input [SI], also where it is told as one of the output."""
     main = model.plant.wire[model.actuator.step[0]]
@@ -312,10 +305,8 @@ def _amplitude(model: Model, value: float | str, gain: float) -> float:
     except UserError:
         if not isinstance(value, str) or gain == 0.0:
             raise
-        try:
+        with suppress(UserError):
             return _above_0("amplitude", value, output.unit) / abs(gain)
-        except UserError:
-            pass
         raise
 
 

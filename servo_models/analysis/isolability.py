@@ -14,12 +14,8 @@ from servo_models.core.plant import Plant
 
 
 def cause(name: str, plant: Plant) -> str:
-    """Return the effect that a name stands for, or that an error of a parameter looks like.
-
-    Args:
-        name: an effect's place, or a parameter.
-        plant: to which they belong.
-    """
+    """Return the effect that a name of the ``plant`` stands for, or that an error of a parameter
+    looks like."""
     parameters = plant.parameters
     place = parameters[name].owner if name in parameters else name
     if place:

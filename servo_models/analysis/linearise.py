@@ -15,7 +15,7 @@ from dataclasses import replace
 from servo_models.analysis.linear_model import LinearModel
 from servo_models.analysis.small_signals import Continuous, Sampled, SmallSignals, plant_clocks
 from servo_models.core.flat import neutral_effects
-from servo_models.core.plant import unknown
+from servo_models.core.plant import check_known
 from servo_models.core.simulate import Model
 from servo_models.errors import UserError
 
@@ -49,9 +49,7 @@ def inputs_at(model: Model, at: Mapping[str, float] | None) -> list[float]:
         UserError: an unknown input.
     """
     rest = {wire.name: float(wire.rest) for wire in model.plant.inputs}
-    for name in at or {}:
-        if name not in rest:
-            raise UserError(unknown("input", name, rest, f"actuator '{model.actuator.name}'"))
+    check_known("input", at or (), rest, f"actuator '{model.actuator.name}'")
     return list({**rest, **(at or {})}.values())
 
 

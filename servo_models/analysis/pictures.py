@@ -35,8 +35,7 @@ MARGIN = 1.0  # height of title and time axis together [inch]
 WIDTH = 7.0  # width of a figure [inch]
 POINTS = 601  # points of a curve
 LEAD = 0.04  # rest shown before time 0 over the duration of the run, so that a step is seen as one
-SMALL = 1e-9
-"""Range of a signal over its full scale below which it is drawn as a straight line."""
+SMALL = 1e-9  # range of a signal in full scales below which it is drawn as a straight line
 
 
 def check_suffix(path: Path) -> None:

@@ -161,12 +161,14 @@ def _report(figures: Figures, date: str = "") -> Report:
         "Figures of merit", ("figure", "small signals", _size(figures)), tuple(_rows(figures))
     )
     step = step_table(wire, figures.step, f"Step of {_size(figures)}")
+    values = (f"{it} = {shown(model.plant.wire[it], figures.at[it], 5)}" for it in figures.at)
+    where = ", ".join(values)
     return Report(
         f"{model.actuator.name}, variant {model.variant}: {figures.input} to {figures.output}",
         _sentence(figures),
         remarks=(
             *_origin(model),
-            _working_point(figures),
+            f"Working point: {where or 'inputs at rest'}.",
             DEFINITIONS,
             *(f"{why[0].upper()}{why[1:]}." for why in figures.missing),
         ),
@@ -195,14 +197,6 @@ def _sentence(measured: Figures) -> str:
     )
     bandwidth = _reached(figures.bandwidth, "Hz", 3) if figures else "unknown"
     return f"Bandwidth {bandwidth} at {size}, slew rate {_reached(slew, f'{unit}/s', 3)}"
-
-
-def _working_point(figures: Figures) -> str:
-    wires = figures.model.plant.wire
-    where = ", ".join(
-        f"{name} = {shown(wires[name], value, 5)}" for name, value in figures.at.items()
-    )
-    return f"Working point: {where or 'inputs at rest'}."
 
 
 def _size(figures: Figures) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from servo_models.analysis.linearise import inputs_at
+from servo_models.analysis.statistics import rms
 from servo_models.core.bounds import outside
 from servo_models.core.simulate import Model
 from servo_models.core.types import Array, Complex
@@ -127,7 +128,7 @@ def fundamental(times: Array, values: Array, frequency: float) -> tuple[complex,
     basis = np.column_stack([np.cos(angle), -np.sin(angle), np.ones(len(times))])
     parts, *_ = np.linalg.lstsq(basis, values, rcond=None)
     rest = values - basis @ parts
-    return complex(parts[0], parts[1]), float(np.sqrt(np.mean(rest**2)))
+    return complex(parts[0], parts[1]), rms(rest)
 
 
 def hold(frequencies: ArrayLike, step: float) -> Complex:

@@ -27,8 +27,7 @@ Step = Callable[[list[float], list[float], float, float], Any]
 
 SMALL = 1e-5  # step of a difference quotient in full scales of the wire
 MODERATE = 0.05  # step in full scales at which a smooth effect has the same difference quotient
-EVENT_TOLERANCE = 1e-6
-"""Internal steps after a communication point within which an event belongs to the step there."""
+EVENT_TOLERANCE = 1e-6  # internal steps after a point within which an event belongs to its step
 BLOCKS = 50  # default experiments after which a model that still moves has no point of rest
 
 

@@ -13,8 +13,7 @@ from typing import Any
 from servo_models.report.result import Report
 from servo_models.report.terminal import text
 
-Progress = Callable[[int, int | None, str], None]
-"""Called with steps done, steps in all where that is known, and what is being done."""
+Progress = Callable[[int, int | None, str], None]  # steps done, of how many, what is done
 
 NARROW = 80  # columns of text for people, in a pipe too
 ONE_LINE = 2000  # characters of a line; no table row is longer, so that grep finds the whole row

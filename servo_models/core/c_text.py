@@ -23,6 +23,7 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Collection, Iterable, Iterator, Sequence
+from itertools import accumulate
 
 from servo_models.core.flat import Flat, kept
 from servo_models.core.printer import indent
@@ -193,11 +194,7 @@ def _functions(make: ast.FunctionDef) -> tuple[ast.FunctionDef, ast.FunctionDef]
 
 
 def _at_rest(function: ast.FunctionDef, write: _Function) -> Iterator[str]:
-    returned = function.body[0]
-    assert isinstance(returned, ast.Return)
-    assert isinstance(returned.value, ast.BinOp)
-    assert isinstance(returned.value.left, ast.List)
-    values = returned.value.left.elts
+    values = next(node for node in ast.walk(function) if isinstance(node, ast.List)).elts
     for i, value in enumerate(values):
         yield f"v__x[{i}] = {write.plain(value)};"
     yield f"memset(v__x + {len(values)}, 0, (SIZE - {len(values)}) * sizeof *v__x);"
@@ -249,8 +246,7 @@ class Kinds:
         self, body: Sequence[ast.stmt], outer: Kinds | None = None, calls: Collection[str] = ()
     ) -> None:
         values: dict[str, list[ast.expr]] = {}
-        self.outer = outer
-        self.calls = calls
+        self.outer, self.calls = outer, calls
         self.operators = (ast.Add, ast.Sub, ast.Mult, *([ast.Mod] if calls else []))
         for node in (node for statement in body for node in ast.walk(statement)):
             if isinstance(node, ast.Assign):
@@ -294,9 +290,7 @@ class _Function:
     infinity = "HUGE_VAL"
 
     def __init__(self, kinds: Kinds, names: dict[str, str], comments: dict[int, str]) -> None:
-        self.kinds = kinds
-        self.names = names
-        self.comments = comments
+        self.kinds, self.names, self.comments = kinds, names, comments
 
     def declared(self, body: Sequence[ast.stmt], fields: Iterable[str]) -> Iterator[str]:
         """Local variables; a compiler cannot see that none is read before it is set."""
@@ -359,12 +353,9 @@ class _Function:
         """One by one, or all values first where one reads what another has just changed."""
         pairs = [(self.plain(t), self.plain(v), v) for t, v in _pairs(node)]
         pairs = [(target, value, tree) for target, value, tree in pairs if target != value]
-        changed: set[str] = set()
-        apart = True
-        for target, _, tree in pairs:
-            apart = apart and not changed & set(self.parts(tree))
-            changed.add(target.partition("[")[0])  # another index may be the same place
-        if apart:
+        # another index may be the same place
+        changed = [target.partition("[")[0] for target, *_ in pairs]
+        if all(set(self.parts(tree)).isdisjoint(changed[:k]) for k, (*_, tree) in enumerate(pairs)):
             return [f"{target} = {value};" for target, value, _ in pairs]
         first = [f"{self.constant} v{i} = {value};" for i, (_, value, _) in enumerate(pairs)]
         return ["{", *indent(first), *indent(f"{p[0]} = v{i};" for i, p in enumerate(pairs)), "}"]
@@ -377,7 +368,8 @@ class _Function:
     def plain(self, node: ast.expr) -> str:
         """An expression without parentheses around it."""
         text = self.of(node)
-        return text[1:-1] if re.fullmatch(r"\(.*\)", text) and _is_one(text) else text
+        depths = accumulate((letter == "(") - (letter == ")") for letter in text[:-1])
+        return text[1:-1] if text[0] == "(" and text[-1] == ")" and all(depths) else text
 
     def of(self, node: ast.expr) -> str:
         """An expression that can stand inside another."""
@@ -465,10 +457,12 @@ class AsNumba(_Function):
 
     def truth(self, node: ast.expr) -> str:
         """Numba gives the operand too; the text's own flags are 0 or 1."""
-        flag = isinstance(node, ast.Name) and node.id.startswith("_")
-        if not flag and not isinstance(node, (ast.Compare, ast.BoolOp)) and not _is_not(node):
-            raise ValueError(f"'{ast.unparse(node)}' beside 'and' or 'or': write a comparison")
-        return self.of(node)
+        match node:
+            case ast.Compare() | ast.BoolOp() | ast.UnaryOp(ast.Not()):
+                return self.of(node)
+            case ast.Name(name) if name.startswith("_"):
+                return self.of(node)
+        raise ValueError(f"'{ast.unparse(node)}' beside 'and' or 'or': write a comparison")
 
     def returned(self, code: str, second: ast.expr) -> list[str]:
         return [f"*v__at = {self.plain(second)};", f"return {code};"]
@@ -486,10 +480,6 @@ class AsNumba(_Function):
         return super().operation(op, left, right)
 
 
-def _is_not(node: ast.expr) -> bool:
-    return isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not)
-
-
 def _pairs(node: ast.Assign) -> Iterator[tuple[ast.expr, ast.expr]]:
     """Targets and values of an assignment, one by one; ``a = b = c`` sets the last target first."""
     for target in reversed(node.targets):
@@ -504,27 +494,13 @@ def _loaded(target: ast.expr) -> ast.expr:
 
 
 def read_in(tree: ast.AST) -> set[str]:
-    loaded = {n.id for n in ast.walk(tree) if isinstance(n, ast.Name) and _is_load(n)}
-    changed = (n.target for n in ast.walk(tree) if isinstance(n, ast.AugAssign))
-    return loaded | {target.id for target in changed if isinstance(target, ast.Name)}
-
-
-def _is_load(node: ast.Name) -> bool:
-    return isinstance(node.ctx, ast.Load)
+    names = [node for node in ast.walk(tree) if isinstance(node, ast.Name)]
+    changed = [node.target for node in ast.walk(tree) if isinstance(node, ast.AugAssign)]
+    return {name.id for name in names if isinstance(name.ctx, ast.Load) or name in changed}
 
 
 def stored(body: Sequence[ast.stmt]) -> dict[str, None]:
     """Variables that are set, in the order of the text."""
     nodes = (node for statement in body for node in ast.walk(statement))
-    names = [n.id for n in nodes if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)]
-    return dict.fromkeys(names)
-
-
-def _is_one(text: str) -> bool:
-    """Whether the first parenthesis is closed by the last."""
-    depth = 0
-    for i, letter in enumerate(text):
-        depth += (letter == "(") - (letter == ")")
-        if depth == 0:
-            return i == len(text) - 1
-    return False
+    names = (n for n in nodes if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store))
+    return dict.fromkeys(name.id for name in names)

@@ -14,7 +14,7 @@ from typing import Any
 from servo_models.core.block import Block
 from servo_models.core.flatten import flatten
 from servo_models.core.own_actuator import check_trust, is_file, load_actuator, simulation
-from servo_models.core.plant import Actuator, Placement, check_units, place, unknown
+from servo_models.core.plant import Actuator, Placement, check_known, check_units, place
 from servo_models.errors import UserError
 
 
@@ -134,8 +134,7 @@ def of_catalogue(name: str) -> Actuator:
     Raises:
         UserError: nobody knows that name.
     """
-    if name not in all_actuators():
-        raise UserError(unknown("actuator", name, all_actuators()))
+    check_known("actuator", [name], all_actuators())
     return all_actuators()[name]
 
 

@@ -180,12 +180,8 @@ def compile_library(
     main: str,
     includes: Sequence[Path] = (),
 ) -> bytes:
-    """Return the stripped shared library of ``main``, from the cache if it was built before.
-
-    Args:
-        sources: files by name, all in one folder.
-        main: the source that includes the others.
-        includes: folders of further headers.
+    """Return the stripped shared library of ``main``, which includes other ``sources`` of its
+    folder and headers of ``includes``, from the cache if it was built before.
 
     Raises:
         UserError: the compiler is not for the target, or refuses the sources.
@@ -209,10 +205,8 @@ def cached_library(
     sources: Callable[[], Mapping[str, bytes]],
     flags: Sequence[str] = (),
 ) -> Path:
-    """Return the file of a library in the cache; its sources are written only to build it.
-
-    Args:
-        made_of: what identifies the sources.
+    """Return the file of a library in the cache, ``made_of`` what identifies its sources; they are
+    written only to build it.
 
     Raises:
         UserError: the compiler refuses the sources.

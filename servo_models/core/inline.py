@@ -61,13 +61,8 @@ def _or_pass(line: str) -> str:
 def _template(
     function: Function, block: str, returned: tuple[str, ...]
 ) -> tuple[tuple[str, ...], list[str]]:
-    """Return the variables that a block stores, and its lines with names and targets in braces.
-
-    Args:
-        function: function of the block.
-        block: name of the block, for errors.
-        returned: what it returns, for errors.
-    """
+    """Return the variables that a block stores, and its lines with names and targets in braces;
+    ``block`` and ``returned`` are for errors."""
     definition = ast.parse(textwrap.dedent(inspect.getsource(function))).body[0]
     assert isinstance(definition, ast.FunctionDef)
     body = definition.body[1:]  # the docstring comes first, block.py insists on it

@@ -58,15 +58,14 @@ def _js_start_text(text: str, size: int) -> str:
     """``make`` of a text printed by ``stepper.start_text``: the state with room for its queues."""
     make, _ = parsed(text)
     *body, last = make.body
-    assert isinstance(last, ast.Return)
-    assert isinstance(last.value, ast.List)
+    values = next(node for node in ast.walk(last) if isinstance(node, ast.List)).elts
     write = _JavaScript(Kinds(make.body, calls=WHOLE_CALLS), {}, {})
     lines = [
         "function start(v__p) {",
         f"    const v__x = new Float64Array({size});",
         *indent(write.declared(body, ())),
         *indent(write.block(body)),
-        *indent(f"v__x[{i}] = {write.plain(it)};" for i, it in enumerate(last.value.elts)),
+        *indent(f"v__x[{i}] = {write.plain(it)};" for i, it in enumerate(values)),
         "    return v__x;",
         "}",
     ]
@@ -98,8 +97,7 @@ def js_run_text(text: str) -> str:
     write = _JavaScript(Kinds(run.body, calls=WHOLE_CALLS), {}, {})
     write.columns = {name: columns(run, name) for name in ("_inputs", "_out")}
     memory, *body = run.body
-    assert isinstance(memory, ast.Assign)
-    assert isinstance(memory.value, ast.Call)
+    ahead = next(node for node in ast.walk(memory) if isinstance(node, ast.Call)).args[0]
     place = next(k for k, it in enumerate(body) if isinstance(it, ast.For))
     setup, rows, last = body[:place], body[place], body[place + 1 :]
     assert isinstance(rows, ast.For)
@@ -125,7 +123,7 @@ def js_run_text(text: str) -> str:
         "}",
         "",
         f"function run({shared}) {{",
-        f"    const ahead = new Float64Array({write.plain(memory.value.args[0])});",
+        f"    const ahead = new Float64Array({write.plain(ahead)});",
         f"    const kept = new Float64Array({len(names)});",
         f"    for (let from = 0; from < v__rows; from += {ROWS_AT_ONCE}) {{",
         f"        const to = Math.min(from + {ROWS_AT_ONCE}, v__rows);",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -17,8 +17,7 @@ from servo_models.errors import UserError, did_you_mean
 from servo_models.units import factor
 
 TIME_AXIS = "time"  # what tables and FMI masters call their first column
-_DEVICE = re.compile(r"con|prn|aux|nul|com\d|lpt\d")
-"""Names that Windows keeps for devices, whatever the suffix."""
+_DEVICE = re.compile(r"con|prn|aux|nul|com\d|lpt\d")  # names that Windows keeps for devices
 
 
 _SCALE = re.compile(rf"(?:{SIGNAL}|\{{(\w+)\}})(\d?)")
@@ -99,15 +98,9 @@ class Placement:
 
     def __post_init__(self) -> None:
         check_name(self.name, f"effect '{self.name}'")
-        for argument in self.reads:
-            if argument not in self.effect.wires:
-                raise ValueError(self._has_not("argument", argument, self.effect.wires))
-        for key in self.params:
-            if key not in self.effect.params:
-                raise ValueError(self._has_not("parameter", key, self.effect.params))
-
-    def _has_not(self, kind: str, name: str, known: Iterable[str]) -> str:
-        return unknown(kind, name, dict.fromkeys(known), f"effect '{self.name}'")
+        where = f"effect '{self.name}'"
+        check_known("argument", self.reads, self.effect.wires, where, ValueError)
+        check_known("parameter", self.params, self.effect.params, where, ValueError)
 
     @property
     def switch(self) -> str:
@@ -238,12 +231,9 @@ class Plant:
                 raise ValueError(f"'{wire.name}' is time itself: give the wire another name")
         outside = dict.fromkeys([*(wire.name for wire in self.inputs), *self.outputs])
         for terminal, members in self.terminals.items():
-            check_name(terminal, f"terminal '{terminal}'")
-            for name in members:
-                if name not in outside:
-                    raise ValueError(
-                        unknown("input or output", name, outside, f"terminal '{terminal}'")
-                    )
+            where = f"terminal '{terminal}'"
+            check_name(terminal, where)
+            check_known("input or output", members, outside, where, ValueError)
 
     @cached_property
     def wire(self) -> dict[str, Wire]:
@@ -310,9 +300,7 @@ class Plant:
             ``PLANT.rated(rests={"supply": 7.4}, scales={"supply": 7.4})``
         """
         rest, scale = rests or {}, scales or {}
-        for name in (*rest, *scale):
-            if name not in self.wire:
-                raise ValueError(unknown("wire", name, self.wire))
+        check_known("wire", (*rest, *scale), self.wire, error=ValueError)
 
         def of(wire: Wire) -> Wire:
             return replace(
@@ -374,8 +362,7 @@ class Plant:
                 f"bounds of '{name}' are fractions of the full scale of '{on}', which is no Wire:"
                 " declare it, or give other bounds by params"
             )
-        if on not in self.wire:
-            raise ValueError(unknown("wire", on, self.wire))
+        check_known("wire", [on], self.wire, error=ValueError)
         return self.wire[on]
 
 
@@ -504,9 +491,7 @@ class Actuator:
                 ("parameter with an uncertainty", variant.uncertainty, plant.parameters),
                 ("parameter known to the grey box", known_to_box, plant.parameters),
             ):
-                for name in names:
-                    if name not in known:
-                        raise ValueError(unknown(kind, name, known))
+                check_known(kind, names, known, error=ValueError)
 
     @property
     def key(self) -> str:
@@ -521,8 +506,7 @@ class Actuator:
         """Return a variant by name, the default one for None."""
         known = {variant.name: variant for variant in self.variants}
         name = self.default_variant if name is None else name
-        if name not in known:
-            raise UserError(unknown("variant", name, known, f"actuator '{self.name}'"))
+        check_known("variant", [name], known, f"actuator '{self.name}'")
         return known[name]
 
     def plant_of(self, variant: str | None = None) -> Plant:
@@ -539,10 +523,9 @@ class Actuator:
         """
         parameters = self.plant_of(variant).parameters
         chosen = {name: p.param.default for name, p in parameters.items()}
-        for name, value in {**self.variant(variant).values, **(overrides or {})}.items():
-            if name not in parameters:
-                raise UserError(unknown("parameter", name, parameters, f"actuator '{self.name}'"))
-            chosen[name] = float(value)
+        given = {**self.variant(variant).values, **(overrides or {})}
+        check_known("parameter", given, parameters, f"actuator '{self.name}'")
+        chosen |= {name: float(value) for name, value in given.items()}
         for name, value in chosen.items():
             check_bounds(parameters[name], value)
         return chosen
@@ -578,7 +561,20 @@ def check_units(plant: Plant) -> None:
             raise ValueError(f"{place_}: {error}") from None
 
 
-def unknown(kind: str, name: str, known: Mapping[str, object], where: str = "") -> str:
+def check_known(
+    kind: str,
+    names: Iterable[str],
+    known: Collection[str],
+    where: str = "",
+    error: type[Exception] = UserError,
+) -> None:
+    """Raise ``error`` for the first of some names that is none of the ``known``."""
+    for name in names:
+        if name not in known:
+            raise error(unknown(kind, name, known, where))
+
+
+def unknown(kind: str, name: str, known: Collection[str], where: str = "") -> str:
     """Sentence about a name nobody knows, with the nearest one that exists."""
     place_ = f" in {where}" if where else ""
     return f"unknown {kind} '{name}'{place_}; {did_you_mean(name, known)}"

@@ -23,8 +23,7 @@ instability grows this far, a jump of the right-hand side does not."""
 RUNAWAY = 1e3  # size of a state over full scale beyond which no shorter sub-step would hold it
 SHORTEST_S = 5e-7  # shortest sub-step [s], unless the internal step that is given is shorter
 FURTHEST = 2.0**45  # largest time in internal steps: beyond it times are coarser than a sub-step
-DOUBLED = 1024.0
-"""Growth of ``_error`` when a sub-step doubles, 2^8, and a factor of 2 in the error to spare."""
+DOUBLED = 1024.0  # growth of ``_error`` when a sub-step doubles, 2^8, and a factor of 2 to spare
 
 INPUT_AGE = "_input_age"
 _NAME = re.compile(r"[A-Za-z_]\w*")

@@ -22,7 +22,7 @@ from servo_models.core.catalogue import actuator as find_actuator
 from servo_models.core.compiled import compiled_run, plain_make
 from servo_models.core.flat import Flat, neutral_effects, noticed, trouble
 from servo_models.core.flatten import flatten
-from servo_models.core.plant import Actuator, Plant, Wire, check_bounds, unknown
+from servo_models.core.plant import Actuator, Plant, Wire, check_bounds, check_known, unknown
 from servo_models.core.printer import FURTHEST
 from servo_models.core.stepper import run_text, start_text, step_text
 from servo_models.core.types import Array
@@ -259,13 +259,13 @@ class Model:
         Raises:
             UserError: see ``run``; also a run of more than ``most`` sub-steps.
         """
-        if self.actuator.inner is None:
-            return self._ran(vector, state, times, inputs, most)[0]
 
         def run(state: Array, times: Array, inputs: Array) -> Array:
             # at steps of the box, of which there are any number between two rows
             return self._ran(vector, state, times, inputs, math.inf)[0]
 
+        if self.actuator.inner is None:
+            return run(state, times, inputs)
         values = dict(zip(self.values, vector.tolist()))
         return np.asarray(self.actuator.inner.ran(run, values, state, times, inputs))
 
@@ -326,10 +326,7 @@ def model(
     plant = declared.plant_of(chosen)
     overrides: dict[str, float] = {}
     for name, value in (parameters or {}).items():
-        if name not in plant.parameters:
-            raise UserError(
-                unknown("parameter", name, plant.parameters, f"actuator '{declared.name}'")
-            )
+        check_known("parameter", [name], plant.parameters, f"actuator '{declared.name}'")
         parameter = plant.parameters[name]
         try:
             given = parse(value, parameter.param.unit)
@@ -400,9 +397,7 @@ def _columns(
     if not isinstance(inputs, Mapping):
         example = f"give {{'{next(iter(known), 'input')}': ...}}"
         raise UserError(f"argument 'inputs' is no mapping, but {inputs!r:.60}: {example}")
-    for name in inputs:
-        if name not in known:
-            raise UserError(unknown("input", name, known, f"actuator '{chosen.actuator.name}'"))
+    check_known("input", inputs, known, f"actuator '{chosen.actuator.name}'")
     columns: dict[str, Array] = {}
     for name, wire in known.items():
         cure = f"give one number in {wire.unit}, or one for each time"

@@ -11,8 +11,7 @@ from servo_models.core.plant import check_actuator_name
 from servo_models.errors import UserError
 from servo_models.files import write_whole
 
-TEMPLATE = "my_servo"
-"""Module in the folder of actuators that is written, and the name of what it defines."""
+TEMPLATE = "my_servo"  # module among the actuators that is written, and the name that it defines
 
 
 def write_template(path: Path) -> None:

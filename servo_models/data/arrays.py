@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from servo_models.core.plant import TIME_AXIS, unknown
+from servo_models.core.plant import TIME_AXIS, check_known, unknown
 from servo_models.core.simulate import Model, model
 from servo_models.data.description import Description, described
 from servo_models.data.readers import Columns
@@ -84,8 +84,7 @@ def describe(
     further = {str(name): keys for name, keys in each.items()}
     for name, keys in further.items():
         _check_mapping(f"each, '{name}'", keys, "keys to values", example)
-        if name not in logs:
-            raise UserError(unknown("log", name, logs, "each"))
+        check_known("log", [name], logs, "each")
         if own_keys := sorted({str(key) for key in keys} & OF_THE_TABLE):
             raise UserError(
                 f"each, '{name}': '{own_keys[0]}' is of the table, the same for all logs; give the"

@@ -74,7 +74,13 @@ def audits(logs: Sequence[Log], plant: Plant) -> tuple[Audit, ...]:
     samples that are almost evenly spaced.
     """
     audited = [_audit(log, plant, steps) for log, steps in zip(logs, _steps(logs, plant))]
-    commanded, moves = _commands_vary(logs, plant), any(map(_moves, audited))
+    # single wild readings apart
+    moves = any(
+        usual_width(it.log.outputs[reading.name]) > MOVES * reading.floor.value
+        for it in audited
+        for reading in it.readings
+    )
+    commanded = _commands_vary(logs, plant)
     return tuple(replace(it, commanded=commanded, moves=moves) for it in audited)
 
 
@@ -86,31 +92,19 @@ def show_motion(logs: Sequence[Log], plant: Plant) -> bool:
     return _commands_vary(logs, plant) or audits(logs, plant)[0].moves
 
 
-def _moves(audit: Audit) -> bool:
-    """Whether an output of a log moves beyond its noise, single wild readings apart."""
-    return any(
-        usual_width(audit.log.outputs[reading.name]) > MOVES * reading.floor.value
-        for reading in audit.readings
-    )
-
-
 def _commands_vary(logs: Sequence[Log], plant: Plant) -> bool:
     """Whether an input changes, in a log or from one to another, or a log begins in motion.
 
     A step in the first row of a log that begins at rest is a change.
     """
     rest = {wire.name: wire.rest for wire in plant.inputs}
-    begins = [_level(log, rest) for log in logs]
+    constants = [{k: v for k, v in log.constants.items() if k in rest} for log in logs]
+    firsts = [{name: float(it[0]) for name, it in log.inputs.items()} for log in logs]
+    begins = [{**rest, **held, **first} for held, first in zip(constants, firsts)]
     moving = any(np.ptp(values) > 0.0 for log in logs for values in log.inputs.values())
     moving |= any(log.start is not None for log in logs)
     steps = any(log.settle == 0.0 and begin != rest for log, begin in zip(logs, begins))
     return moving or steps or any(begin != begins[0] for begin in begins)
-
-
-def _level(log: Log, rest: Mapping[str, float | str]) -> dict[str, float | str]:
-    """Inputs where a log begins."""
-    known = {name: value for name, value in log.constants.items() if name in rest}
-    return {**rest, **known, **{name: float(values[0]) for name, values in log.inputs.items()}}
 
 
 def _steps(logs: Sequence[Log], plant: Plant) -> list[dict[str, Step]]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -108,6 +108,24 @@ class Log:
     def duration(self) -> float:
         """Length of the log [s]."""
         return float(self.times[-1])
+
+    @property
+    def interval(self) -> float:
+        """Median time from a sample to the next [s], infinite for one sample."""
+        return float(np.median(np.diff(self.times))) if len(self.times) > 1 else np.inf
+
+    def at(self, rows: slice | NDArray[np.int64]) -> Log:
+        """Return the log at some of its rows, as it stands there."""
+        return replace(
+            self,
+            times=self.times[rows],
+            inputs={name: values[rows] for name, values in self.inputs.items()},
+            outputs={name: values[rows] for name, values in self.outputs.items()},
+            rows=self.rows[rows],
+            held_out=self.held_out[rows],
+            skipped=None if self.skipped is None else self.skipped[rows],
+            unsure=self.unsure and {name: moves[rows] for name, moves in self.unsure.items()},
+        )
 
     @property
     def stamps(self) -> Array:

@@ -82,12 +82,8 @@ class Mistake(str):
 
 
 def mistakes(log: Log, plant: Plant, steps: Mapping[str, float]) -> Iterator[Mistake]:
-    """Yield what is wrong with the columns of a log, one sentence each with its cure.
-
-    Args:
-        log: log with its outputs in SI.
-        plant: says what the outputs are.
-        steps: reading steps [SI] by name of the output, 0 where there are none.
+    """Yield what is wrong with the columns of a log, one sentence each with its cure; ``steps``
+    are the reading steps of outputs [SI], 0 for none.
 
     Example:
         >>> list(mistakes(log, plant, {}))

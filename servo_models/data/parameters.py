@@ -344,6 +344,8 @@ def read_parameters(path: str | Path, trust: bool = False) -> ParameterSet:
     document = read_toml(Path(path))
     table, logs = document.read(ParameterFile), document.section("logs")
     actuator, variant = _whose(document, table, trust)
+    figures = document.section("figures")
+    reached = {name: figures.section(name).read(FigureTable) for name in figures}
     return ParameterSet(
         actuator=actuator.key,
         variant=variant,
@@ -353,15 +355,10 @@ def read_parameters(path: str | Path, trust: bool = False) -> ParameterSet:
         logs={name: logs.at(name).read(str, f'"{name}" = "sha256:..."') for name in logs},
         date=table.date,
         version=table.servo_models,
-        figures=_figures(document.section("figures")),
+        figures={name: FitFigure(it.value, it.unit) for name, it in reached.items()},
         warnings=tuple(table.warnings),
         file=document.file.name,
     )
-
-
-def _figures(section: Section) -> dict[str, FitFigure]:
-    tables = {name: section.section(name).read(FigureTable) for name in section}
-    return {name: FitFigure(table.value, table.unit) for name, table in tables.items()}
 
 
 def _whose(document: Section, table: ParameterFile, trust: bool) -> tuple[Actuator, str]:

@@ -64,11 +64,9 @@ class Samples:
         return data_sheet("Ranges", tuple(told), (Table("", columns, tuple(rows)),))
 
     def write(self, path: str | Path) -> list[Path]:
-        """Write all sets [SI]: ``.csv`` a row a set; ``.json`` a list of start values by name;
-        ``.ssv`` an SSP parameter set, for several sets a numbered file each.
-
-        Returns:
-            The files.
+        """Write all sets [SI] and return the files: ``.csv`` a row a set; ``.json`` a list of
+        start values by name; ``.ssv`` an SSP parameter set, for several sets a numbered file
+        each.
 
         Raises:
             UserError: another suffix, or a folder that cannot be written.

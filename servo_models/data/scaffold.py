@@ -88,19 +88,14 @@ class Draft:
         names: dict[str, list[str | int]] = {}
         for column in self.unused:
             if column.table == self.table:
-                why = _why_not(column, self)
-                names.setdefault(why, []).append(column.key)
+                names.setdefault(_why_not(column, self), []).append(column.key)
             else:
                 names.setdefault("what else is in other tables", []).append(column.table or "")
-        words = [column.key for column in self.left_out if not column.damaged]
-        if words:
+        if words := [column.key for column in self.left_out if not column.damaged]:
             names["not numbers throughout"] = words
-        return tuple(
-            printable(
-                f"not used, {why}: {', '.join(map(_quoted, dict.fromkeys(keys)))}", LONGEST_SENTENCE
-            )
-            for why, keys in names.items()
-        )
+        listed = {why: ", ".join(map(_quoted, dict.fromkeys(keys))) for why, keys in names.items()}
+        told = (f"not used, {why}: {keys}" for why, keys in listed.items())
+        return tuple(printable(text, LONGEST_SENTENCE) for text in told)
 
     def text(self, folder: Path) -> str:
         """Return the description as TOML, to stand in ``folder``."""
@@ -318,8 +313,8 @@ def _through_the_model(match: Match, actuator: Actuator) -> tuple[str, float, fl
     name, size = actuator.step
     unit = wire.display or wire.unit
     to_unit, rest = factor(wire.unit, unit), float(wire.rest)
-    quantity = {out: exponents(plant.wire[out].unit)[1] for out in plant.outputs}
-    follower = next((o for o in quantity if quantity[o] == exponents(match.unit)[1]), None)
+    wanted = _dimension(match.unit)
+    follower = next((o for o in plant.outputs if _dimension(plant.wire[o].unit) == wanted), None)
     if follower is None:
         return unit, 1.0, rest * to_unit
     chosen = model(actuator)
@@ -364,8 +359,7 @@ COMMAND = {"cmd", "command", "commanded", "ref", "reference", "goal", "target", 
 COMMAND |= {"desired", "sp", "demand", "soll", "u", "input", "action"}
 MEASURED = {"meas", "measured", "actual", "act", "present", "ist", "feedback", "y", "output"}
 MEASURED |= {"observation", "observed"}
-SUPPLY = {"battery", "batt", "bat", "vbat", "vin", "supply"}
-"""Words of what feeds an actuator, which commands nothing."""
+SUPPLY = {"battery", "batt", "bat", "vbat", "vin", "supply"}  # words of what feeds an actuator
 QUANTITIES = {
     "angle theta phi position pos horn tilt": "rad",
     "rate speed velocity vel omega gyro gyr": "rad/s",
@@ -411,16 +405,14 @@ def _time_of(columns: Sequence[Column]) -> tuple[Column, str] | None:
     if not rising:
         return None
     best = max(rising, key=lambda column: 2 * bool(TIME & set(column.words)) + _is_time(column))
-    return best, best.unit if best.unit and _is_time(best) else _time_unit(best)
+    if best.unit and _is_time(best):
+        return best, best.unit
+    step = float(np.median(np.diff(best.values)))
+    return best, next((u for u in WRITTEN_IN["s"] if step * factor(u, "s") <= LONGEST_STEP), "ns")
 
 
 def _is_time(column: Column) -> bool:
-    return column.unit is not None and exponents(column.unit)[1] == {"s": 1}
-
-
-def _time_unit(column: Column) -> str:
-    step = float(np.median(np.diff(column.values)))
-    return next((u for u in WRITTEN_IN["s"] if step * factor(u, "s") <= LONGEST_STEP), "ns")
+    return column.unit is not None and _dimension(column.unit) == {"s": 1}
 
 
 def _matches(columns: Sequence[Column], made: Draft) -> list[Match]:
@@ -458,14 +450,7 @@ def _why_not(column: Column, made: Draft) -> str:
         return "it counts rows, or runs of them"
     if not _tells(column, plant):
         return "the name does not tell what it is"
-    mains = (made.main, plant.outputs[0])
-    best = max(
-        (
-            _match(plant.wire[name], column, plant, name in mains, command=False)
-            for name in (*(wire.name for wire in plant.inputs), *plant.outputs)
-        ),
-        key=lambda match: match.score,
-    )
+    best = max(_offers(column, made), key=lambda match: match.score)
     for match in made.matches:
         if match.wire is best.wire and best.score >= LEAST_SCORE:
             return f'{match.wire.name} is taken from "{match.column.key}"'
@@ -476,12 +461,11 @@ def _chosen(
     columns: Sequence[Column], made: Draft, command: Column | None, blind: bool
 ) -> list[Match]:
     plant, main = made.plant, made.main
-    mains = (main, plant.outputs[0])
     offered = [
-        _match(plant.wire[name], column, plant, name in mains, column is command)
+        match
         for column in columns
         if blind or _tells(column, plant)
-        for name in (*(wire.name for wire in plant.inputs), *plant.outputs)
+        for match in _offers(column, made, column is command)
     ]
     sides = [wire for wire in plant.inputs if wire.name != main]
     chosen: list[Match] = []
@@ -507,6 +491,13 @@ def _with_command(chosen: list[Match], commands: Sequence[Match], plant: Plant) 
         if called and command.converts and any(_tells_motion(it, plant) for it in others):
             return [command, *others]
     return chosen
+
+
+def _offers(column: Column, made: Draft, command: bool = False) -> list[Match]:
+    """How a column fits every signal."""
+    plant, mains = made.plant, (made.main, made.plant.outputs[0])
+    names = (*(wire.name for wire in plant.inputs), *plant.outputs)
+    return [_match(plant.wire[n], column, plant, n in mains, command) for n in names]
 
 
 def _match(wire: Wire, column: Column, plant: Plant, main: bool, command: bool) -> Match:
@@ -570,11 +561,8 @@ def _likely_unit(wire: Wire, column: Column) -> str:
     if wire.unit == "rad" and column.turn:
         return "deg"
     reach = float(np.abs(column.values).max()) or 1.0
-
-    def distance(unit: str) -> float:
-        return abs(math.log(reach * factor(unit, wire.unit) / wire.scale))
-
-    return min(WRITTEN_IN.get(wire.unit, (wire.unit,)), key=distance)
+    units = WRITTEN_IN.get(wire.unit, (wire.unit,))
+    return min(units, key=lambda it: abs(math.log(reach * factor(it, wire.unit) / wire.scale)))
 
 
 def _near_rest(wire: Wire, column: Column, unit: str) -> bool:

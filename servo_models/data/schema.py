@@ -80,10 +80,8 @@ class Share(float):
 
 Number = Annotated[float, msgspec.Meta(ge=-sys.float_info.max, le=sys.float_info.max)]
 """A finite number without quotes."""
-Quantity = float | str
-"""A number in SI or a text with a unit, for ``quantity``."""
-Column = str | int
-"""The name of a column, or its number from 1."""
+Quantity = float | str  # a number in SI or a text with a unit, for ``quantity``
+Column = str | int  # the name of a column, or its number from 1
 FAULTS: dict[Any, str] = {
     str: "no text",
     Literal: "no text",

@@ -450,7 +450,7 @@ def off_neighbours(values: Array) -> Array:
 
 
 def outliers(values: Array, excused: Mask | None = None) -> Array:
-    """Return by how much outliers lie off the running median, 0 for all other readings.
+    """Return by how much outliers lie off the running median, with sign, 0 for all other readings.
 
     Edges and ramps pass a median of five unharmed (Tukey, Exploratory Data Analysis, 1977,
     ch. 7), so that what is left is noise, peaks and outliers; these stand out of the rest.
@@ -458,9 +458,6 @@ def outliers(values: Array, excused: Mask | None = None) -> Array:
     Args:
         values: readings in the order of time, shape (n,).
         excused: True where a peak is no outlier, shape (n,).
-
-    Returns:
-        Distances with their sign, shape (n,).
     """
     off = off_neighbours(values)
     if len(values) < WINDOW:

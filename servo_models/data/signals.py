@@ -294,7 +294,7 @@ def _time_table(entry: LogTable) -> str | None:
 def _begun(clock: Clock, others: Iterable[Clock], path: Path) -> Clock:
     """The clock of a log from where every other table has begun."""
     firsts = (int(np.searchsorted(clock.stamps, other.stamps[0])) for other in others)
-    clock = clock.cut(max(firsts, default=0), len(clock.stamps))
+    clock = clock.kept(slice(max(firsts, default=0), None))
     if len(clock.stamps) < LEAST_SAMPLES:
         raise UserError(
             f"'{path}' has {len(clock.stamps)} samples to use: at least {LEAST_SAMPLES} are"
@@ -342,12 +342,12 @@ def _settle(
         return float(given)
     if entry.start is not None:
         return min(chosen.stop_time, duration)
-    first = {name: values[0] for name, values in inputs.items()}
-    for wire in chosen.plant.inputs:
-        value = first.get(wire.name, constants.get(wire.name, wire.rest))
-        if abs(float(value) - float(wire.rest)) > AT_REST * wire.scale:
-            return min(chosen.stop_time, duration)
-    return 0.0
+    first = {**constants, **{name: values[0] for name, values in inputs.items()}}
+    away = (
+        abs(float(first.get(wire.name, wire.rest)) - float(wire.rest)) > AT_REST * wire.scale
+        for wire in chosen.plant.inputs
+    )
+    return min(chosen.stop_time, duration) if any(away) else 0.0
 
 
 def _start(section: Section, given: str | Mapping[str, Any] | None, chosen: Model) -> Start | None:
@@ -485,22 +485,19 @@ def _input(mapped: Mapped, clock: Clock, other: Clock | None, wire: Wire) -> Arr
     bad = held[is_outside(values[held], wire)]
     if len(bad):
         place = source.columns.where(mapped.column, int(source.rows[bad[0]]))
+        unit = fitting_unit(
+            wire.unit,
+            mapped.channel.told[1],
+            lambda ratio: not is_outside(ratio * values[held], wire).any(),
+        )
+        cure = f": in {unit} it would fit"
         raise UserError(
             f"{place}: {outside('input', wire.name, float(values[bad[0]]), wire)}, or correct the"
-            f" column's unit and scale{_unit_inside(mapped, values[held], wire)}"
+            " column's unit and scale"
+            f"{cure if unit else '; or it is another column: two may be swapped'}"
         )
     check_size(mapped, source.columns, source.rows, values, wire)
     return values[held]
-
-
-def _unit_inside(mapped: Mapped, values: Array, wire: Wire) -> str:
-    """A unit in which all values [SI] of a column would be inside the bounds, as a clause."""
-    unit = fitting_unit(
-        wire.unit,
-        mapped.channel.told[1],
-        lambda ratio: not is_outside(ratio * values, wire).any(),
-    )
-    return f": in {unit} it would fit" if unit else "; or it is another column: two may be swapped"
 
 
 def _output(mapped: Mapped, clock: Clock, times: Array, wire: Wire) -> Array:
@@ -603,12 +600,10 @@ class Clock:
         """Times since the file's first row [s], shape (n,)."""
         return (self.stamps - self.begin) * self.scale
 
-    def cut(self, first: int, last: int) -> Clock:
-        """Keep rows ``first`` to ``last`` - 1 of the ones kept."""
-        ticks = None if self.ticks is None else self.ticks[first:last]
-        return replace(
-            self, stamps=self.stamps[first:last], rows=self.rows[first:last], ticks=ticks
-        )
+    def kept(self, which: slice | Mask) -> Clock:
+        """Keep some of the rows kept."""
+        ticks = None if self.ticks is None else self.ticks[which]
+        return replace(self, stamps=self.stamps[which], rows=self.rows[which], ticks=ticks)
 
     def without(self, dropped: Mask) -> Clock:
         """Leave out the rows of the table that are marked, shape (rows of the table,)."""
@@ -620,8 +615,7 @@ class Clock:
                 f"{self.columns.where(self.column)}: no row has a value in every column; write"
                 ' missing = "hold" for that of a command'
             )
-        ticks = None if self.ticks is None else self.ticks[kept]
-        return replace(self, stamps=self.stamps[kept], rows=self.rows[kept], ticks=ticks)
+        return self.kept(kept)
 
     def numbers(self, column: str | int) -> Array:
         """Return a column of the table in the rows kept, shape (n,).
@@ -731,7 +725,7 @@ def _with_values(clock: Clock, columns: Iterable[str | int]) -> tuple[Clock, lis
     begin = begins.get(latest, first)
     if begin == first:
         return clock, []
-    kept = clock.cut(int(np.searchsorted(clock.rows, begin)), len(clock.rows))
+    kept = clock.kept(clock.rows >= begin)
     rows = f"rows {first + table.first_row} to {begin - 1 + table.first_row} are"
     row = f"row {first + table.first_row} is"
     return kept, [
@@ -758,21 +752,17 @@ def _ticked(clock: Clock) -> tuple[Clock, list[str]]:
         repeats = f"{clock.columns.where(column, row)}: time {time} repeats"
         share = float(again.mean())
         if share > MOST_REPEATS_PER_ROW:
+            twice = '; if rows stand twice, set time.repeats = "drop"'
             raise UserError(
                 f"{repeats}, as {share:.0%} of the stamps do: they are coarser than the clock; if"
                 ' it is even, say its period, time.period = "10 ms", else log with finer stamps'
-                f"{_if_twice(share)}"
+                f"{twice if share <= 0.5 else ''}"
             )
         raise UserError(
             f"{repeats}, and the stamps are no even clock, rounded; remove the row or set"
             ' time.repeats = "drop"'
         )
     return clock, []
-
-
-def _if_twice(share: float) -> str:
-    """The cure for rows that stand twice, as a clause, where no more than every second repeats."""
-    return '; if rows stand twice, set time.repeats = "drop"' if share <= 0.5 else ""
 
 
 def _cut_window(section: Section, window: tuple[float, float] | None, clock: Clock) -> Clock:
@@ -782,8 +772,7 @@ def _cut_window(section: Section, window: tuple[float, float] | None, clock: Clo
     inside = _between(section, "window", window, clock.since)
     if not inside.any():
         section.fail("window", f"no row inside; the file lasts {clock.since[-1]:g} s")
-    kept = np.flatnonzero(inside)
-    return clock.cut(int(kept[0]), int(kept[-1]) + 1)
+    return clock.kept(inside)
 
 
 def _between(
@@ -793,8 +782,7 @@ def _between(
     begin, end = (-np.inf if ends[0] is None else ends[0], np.inf if ends[1] is None else ends[1])
     if begin >= end:
         section.fail(key, f"{end:g} s is not after {begin:g} s; correct one of the two")
-    marked: Mask = (since >= begin) & (since <= end)
-    return marked
+    return np.asarray((since >= begin) & (since <= end))
 
 
 def _check_duration(clock: Clock, internal_step: float) -> None:
@@ -865,32 +853,31 @@ def _levels(section: Section, chosen: HeldOut, inputs: Mapping[str, Array]) -> M
 
     The level of the first row is where excursions come from and belongs to none.
     """
-    name = chosen.input
-    if name not in inputs:
-        section.fail("held_out.input", unknown("input with a column", name, inputs))
+    values = _input_named(section, "held_out.input", chosen.input, inputs)
     if chosen.levels is None:
         section.fail("held_out.levels", 'missing; write levels = "even" or levels = "odd"')
-    values = inputs[name]
     levels = np.unique(values[values != values[0]])
     if len(levels) < 2:
-        section.fail(
-            "held_out.input", f"'{name}' has {len(levels)} levels to choose from; use from and to"
-        )
+        complaint = f"'{chosen.input}' has {len(levels)} levels to choose from; use from and to"
+        section.fail("held_out.input", complaint)
     starts = (np.diff(values, prepend=values[0]) != 0.0) & (values != values[0])
     latest = np.maximum.accumulate(np.where(starts, np.arange(len(values)), -1))
     first = {"odd": 0, "even": 1}[chosen.levels]
-    marked: Mask = (latest >= 0) & np.isin(values, levels[first::2])[latest]
-    return marked
+    return np.asarray((latest >= 0) & np.isin(values, levels[first::2])[latest])
+
+
+def _input_named(section: Section, key: str, name: str, inputs: Mapping[str, Array]) -> Array:
+    if name not in inputs:
+        section.fail(key, unknown("input with a column", name, inputs))
+    return inputs[name]
 
 
 def _skipped(section: Section, judged: Judged, times: Array, inputs: Mapping[str, Array]) -> Mask:
     """The samples that do not count, shape (n,): those long after a change of the input."""
-    name = judged.input
-    if name not in inputs:
-        section.fail("judged.input", unknown("input with a column", name, inputs))
-    changes = np.flatnonzero(np.diff(inputs[name]) != 0.0) + 1
+    values = _input_named(section, "judged.input", judged.input, inputs)
+    changes = np.flatnonzero(np.diff(values) != 0.0) + 1
     if not len(changes):
-        section.fail("judged.input", f"'{name}' never changes; leave out judged")
+        section.fail("judged.input", f"'{judged.input}' never changes; leave out judged")
     latest = np.searchsorted(times[changes], times, side="right") - 1
     since = times - times[changes][np.maximum(latest, 0)]
     counted: Mask = (latest >= 0) & (since < judged.after_change)

@@ -29,12 +29,10 @@ import numpy as np
 from servo_models.core.types import Array
 
 DATA = Path(__file__).with_name("calibration.json")
-LEAST_PROBABILITY = 0.001
-"""That is told: rigs behind a map are too few to show that something is rarer."""
+LEAST_PROBABILITY = 0.001  # least that is told: rigs behind a map are too few for a rarer one
 MOST_PROBABILITY = 0.97  # the same for what is surer: a real log differs from every withheld rig
 
-Map = tuple[Array, Array]
-"""Weights, growing, and the probability at each; between them it is a straight line."""
+Map = tuple[Array, Array]  # growing weights, and the probability at each
 
 
 def calibrated(weights: Mapping[str, float], verdict: str) -> dict[str, float]:

@@ -67,11 +67,6 @@ def confirm(fitted: Model, selection: Selection, logs: Sequence[Log]) -> Confirm
 
     Where a diagnosed model cannot be simulated on a log that no fit has seen, its rows are NaN.
 
-    Args:
-        fitted: the diagnosed model.
-        selection: which has found it.
-        logs: as they were measured.
-
     Raises:
         UserError: an FMU that stops where the simulation goes on.
     """

@@ -140,13 +140,8 @@ def is_filled(path: Path) -> bool:
 def next_experiments(
     rivals: Sequence[FittedModel], weights: Sequence[float], seed: int = 0
 ) -> tuple[Experiment, ...]:
-    """Return the command that best tells the fitted models left apart, none for fewer than two.
-
-    Args:
-        rivals: fitted models that a diagnosis leaves, the likeliest first.
-        weights: their probabilities.
-        seed: seed of random commands.
-    """
+    """Return the command that best tells the fitted models left apart, none for fewer than two;
+    the likeliest first, ``weights`` their probabilities."""
     if len(rivals) < 2:
         return ()
     designer = ExperimentDesigner(rivals[:MOST], weights[:MOST], seed)
@@ -171,12 +166,6 @@ def repeats_wanted(
 
     That is where no noise floor comes from repeats, and the part of the errors that is no noise
     is large enough to matter while its lower bound is not.
-
-    Args:
-        left: what the errors of the fitted model taken consist of.
-        origins: where the noise floor of each output is from.
-        logs: logs of the diagnosis.
-        settings: settings of the diagnosis.
     """
     large = left.structured > settings.structured_over_noise * left.noise
     if not large or sure(left, settings) or REPEATS in origins:
@@ -343,7 +332,7 @@ class ExperimentDesigner:
         self.power = rivals[0].settings.temper * max(rivals[0].evidence.dispersion, 1.0)
         self.seed = seed
         self.wire, self.low, self.high = _limits(self.problem)
-        step = min(float(np.median(np.diff(log.times))) for log in self.problem.logs)
+        step = min(log.interval for log in self.problem.logs)
         self.step = float(f"{step:.9g}")  # a table is read by people
         longest = max(log.duration for log in self.problem.logs)
         self.fastest = 5.0 * self.step  # pace that the sampling can follow
@@ -354,11 +343,9 @@ class ExperimentDesigner:
         count = round(5.0 * self.unit / self.step)
         self.times = self.step * np.arange(count + 1.0)
         self.samples = len(self.times) * len(self.problem.sigma)
-        measured = [
-            v / self.problem.sigma[n] for log in self.problem.logs for n, v in log.outputs.items()
-        ]
-        # a command from which a model runs away is no experiment
-        self.farthest = 1000.0 * max(float(np.abs(values).max()) for values in measured)
+        outputs = [(name, log.outputs[name]) for log in self.problem.logs for name in log.outputs]
+        largest = max(float(np.abs(it / self.problem.sigma[name]).max()) for name, it in outputs)
+        self.farthest = 1000.0 * largest  # a command from which a model runs away is no experiment
         self.response = cache(self._response)
         self.slopes = cache(self._slopes)
 
@@ -533,11 +520,9 @@ def _limits(problem: Problem) -> tuple[Wire, float, float]:
         rest = float(wire.rest)
         reach = abs(size - rest)
         low, high = min(low, rest - reach), max(high, rest + reach)
-    return (
-        wire,
-        low if wire.low is None else max(low, wire.low),
-        high if wire.high is None else min(high, wire.high),
-    )
+    least = -math.inf if wire.low is None else wire.low
+    most = math.inf if wire.high is None else wire.high
+    return wire, max(low, least), min(high, most)
 
 
 def _unexplained(change: Array, slopes: Array, known: Array) -> float:
@@ -590,10 +575,11 @@ def _residual_after_refit(rival: FittedModel, problem: Problem, known: Array) ->
 def _steps(designer: ExperimentDesigner, command: Command, designed: Experiment) -> Iterator[str]:
     plant, plan = designer.problem.model.plant, designed.plan
     duration = float(designer.times[-1])
+    hertz = 1.0 / designer.step
+    rate = f"{hertz:.4g} Hz" if hertz < 9999.5 else f"{1e-3 * hertz:.4g} kHz"
     played_ = (
         f"ommand {command.text(designer.wire, duration)} on {designer.wire.name} for"
-        f" {in_time(duration)}, log {' and '.join(designer.problem.sigma)}"
-        f" at {_rate(designer.step)}."
+        f" {in_time(duration)}, log {' and '.join(designer.problem.sigma)} at {rate}."
     )
     if designed.telling:
         yield f"C{played_}"
@@ -648,11 +634,6 @@ def _expected(designed: Experiment) -> Iterator[str]:
         if stay:
             clauses.append(f"{_listed(stay)} can still imitate it")
         yield f"If the cause is {_names(designed.explanations[i])}: {'; '.join(clauses)}."
-
-
-def _rate(step: float) -> str:
-    rate = 1.0 / step
-    return f"{rate:.4g} Hz" if rate < 9999.5 else f"{1e-3 * rate:.4g} kHz"
 
 
 def _few(size: float) -> str:

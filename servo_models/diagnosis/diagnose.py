@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
-from servo_models.core.plant import unknown
+from servo_models.core.plant import check_known
 from servo_models.core.stop import Stop
 from servo_models.core.workers import Workers
 from servo_models.data.audit import Audit, audits, noise_floors, noise_origins
@@ -83,9 +83,7 @@ def diagnose(
     stop = Stop(math.inf if time_limit is None else time_limit, quick)
     told = description if isinstance(description, Description) else read_description(description)
     left_out = [left_out] if isinstance(left_out, str) else list(left_out)
-    for name in left_out:
-        if name not in told.model.plant.placements:
-            raise UserError(unknown("effect", name, told.model.plant.placements, "left_out"))
+    check_known("effect", left_out, told.model.plant.placements, "left_out")
     if not 0.0 <= tolerance < math.inf:
         raise UserError(f"tolerance {tolerance}: give a number of noise floors, 0 or more")
     logs, flags = without_flags(told.logs, told.model.plant)

@@ -126,7 +126,10 @@ def _ranked_effect(
 ) -> RankedEffect:
     model = fitted_model.problem.model
     matters = fitted_model is selection.taken or fitted_model in verdict.rivals
-    values = estimates(fitted_model) if matters else _sizes_alone(fitted_model)
+    if matters:
+        values = estimates(fitted_model)
+    else:  # nobody has fitted it to the end: what slopes would say is not worth their simulations
+        values = _values(fitted_model, np.full(len(fitted_model.problem.free), np.inf))
     after = fitted_model.evidence.rms
     return RankedEffect(
         name=name,
@@ -150,12 +153,6 @@ def estimates(fitted_model: FittedModel) -> tuple[Value, ...]:
     if not fitted_model.problem.free:
         return ()
     return _values(fitted_model, fitted_model.spread.standard_errors)
-
-
-def _sizes_alone(fitted_model: FittedModel) -> tuple[Value, ...]:
-    """The same without standard errors, for a fitted model that is not believed: nobody has fitted
-    it to the end, and what slopes would say there is not worth their simulations."""
-    return _values(fitted_model, np.full(len(fitted_model.problem.free), np.inf))
 
 
 def _values(fitted_model: FittedModel, errors: Array) -> tuple[Value, ...]:

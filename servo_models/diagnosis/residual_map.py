@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -124,11 +125,9 @@ class ResidualMap:
         """Parameters [SI] of the diagnosed model and of the map, by name."""
         largest = max(float(np.abs(curve.values).max()) for curve in self.curves)
         plant = self.fitted.problem.model.plant
-        settings = _settings(
-            plant, self.name, self.size, largest, {it.regressor: it for it in self.curves}
-        )
+        curves = {it.regressor: (it.knots, it.values) for it in self.curves}
         fitted = {n: v for n, v in self.fitted.values.items() if not n.startswith(f"{self.name}.")}
-        return {**fitted, **settings}
+        return fitted | _settings(plant, self.name, self.size, largest, curves)
 
 
 def form(curve: Curve) -> str:
@@ -160,8 +159,7 @@ def form(curve: Curve) -> str:
     return f"depends on {of} in no simple way"
 
 
-@dataclass(frozen=True)
-class _Power:
+class _Power(NamedTuple):
     """Slopes of a power on either side, and the share of the variance that it leaves."""
 
     up: float
@@ -213,10 +211,6 @@ def learn(taken: FittedModel, retuned: FittedModel | None = None) -> ResidualMap
 
     It is learnt beside the effects that were taken, or else beside parameters alone: effects none
     of which explains all may stand for a part of what is missing.
-
-    Args:
-        taken: model with the effects that were taken, if any.
-        retuned: model with parameters alone.
 
     Returns:
         None where no map holds on unseen blocks, one is on, or the plant has no place for it.
@@ -302,17 +296,14 @@ def _settings(
     name: str,
     size_key: str,
     size: float,
-    curves: Mapping[str, Curve | tuple[_Range, Array]],
+    curves: Mapping[str, tuple[Array, Array]],
 ) -> dict[str, float]:
-    """All parameters [SI] of a map; ``curves`` are in the unit of the wire."""
+    """All parameters [SI] of a map; ``curves`` are knots, and values in the unit of the wire."""
     settings = {f"{name}.{it}": size if it == size_key else 0.0 for it in _sizes(plant, name)}
     for key in CURVES:
         if f"{name}.{key}" in plant.parameters:
             settings[f"{name}.{key}"] = float(key in curves)
-    for key, curve in curves.items():
-        knots, values = (
-            (curve.knots, curve.values) if isinstance(curve, Curve) else (curve[0].knots, curve[1])
-        )
+    for key, (knots, values) in curves.items():
         settings[f"{name}.{key}_low"] = float(knots[0])
         settings[f"{name}.{key}_high"] = float(knots[-1])
         settings |= dict(zip(_knots(name, key), (values / size).tolist()))
@@ -377,7 +368,7 @@ class _OnWire:
 
     def settings(self, size: float, curves: Mapping[str, Array]) -> dict[str, float]:
         """All parameters [SI] of a map with curves in the unit of the wire."""
-        both = {key: (self.ranges[key], values) for key, values in curves.items()}
+        both = {key: (self.ranges[key].knots, values) for key, values in curves.items()}
         return _settings(self.problem.model.plant, self.name, self.size, size, both)
 
     def change(self, size: float, key: str, knots: Array) -> Array:
@@ -422,14 +413,9 @@ class _OnWire:
 
     def penalty_rows(self, keys: Sequence[str], penalty: float) -> Array:
         """Rows the squares of which are the penalty on knots in probes, shape (k, KNOTS * n)."""
-        unit = np.eye(KNOTS)
-        shape = np.vstack(
-            [
-                np.diff(unit, 2, axis=0),
-                np.sqrt(LEVEL_PENALTY) * np.diff(unit, 1, axis=0),
-                np.sqrt(SMALL_PENALTY) * unit,
-            ]
-        )
+        bends, level, small = (np.diff(np.eye(KNOTS), order, axis=0) for order in (2, 1, 0))
+        level, small = np.sqrt(LEVEL_PENALTY) * level, np.sqrt(SMALL_PENALTY) * small
+        shape = np.vstack([bends, level, small])
         usual = [np.sqrt(penalty * np.sum(self.slopes[key] ** 2) / KNOTS) for key in keys]
         return np.kron(np.diag(usual), shape)
 
@@ -459,19 +445,13 @@ class _OnWire:
     def chosen(self) -> _Choice:
         """The curves that hold best on unseen blocks, taken in one by one."""
         best = self.judged((), 0.0)
-        while True:
-            trials = [
-                self.judged((*best.curves, key), weight)
-                for key in self.ranges
-                if key not in best.curves
-                for weight in PENALTIES
-            ]
-            if not trials:
-                return best
-            next_ = min(trials, key=lambda it: float(it.losses.sum()))
-            if not _better(next_, best, LEAST_GAIN):
-                return best
-            best = next_
+        while others := [key for key in self.ranges if key not in best.curves]:
+            trials = [self.judged((*best.curves, key), it) for key in others for it in PENALTIES]
+            more = min(trials, key=lambda it: float(it.losses.sum()))
+            if not _better(more, best, LEAST_GAIN):
+                break
+            best = more
+        return best
 
     def fitted(self, choice: _Choice) -> FittedModel:
         """The diagnosed model and curves, fitted together to the whole response."""
@@ -516,11 +496,11 @@ class _OnWire:
 
         Every curve but the first one is 0 on average, as only sums are known.
         """
-        plant, problem = self.problem.model.plant, fitted.problem
+        problem = fitted.problem
         size = problem.model.values[f"{self.name}.{self.size}"]
         slopes = fitted.linearised.slopes / problem.scales
         spread = fitted.evidence.dispersion * np.linalg.pinv(slopes.T @ slopes, hermitian=True)
-        errors = dict(zip((it.name for it in problem.free), np.sqrt(np.diag(spread))))
+        errors = dict(zip(fitted.values, np.sqrt(np.diag(spread))))
         curves, shift = [], 0.0
         for key in keys:
             range_, names = self.ranges[key], _knots(self.name, key)
@@ -531,7 +511,7 @@ class _OnWire:
             mean = float(np.average(curve.values, weights=curve.samples))
             curves[i], shift = replace(curve, values=curve.values - mean), shift + mean
         curves[0] = replace(curves[0], values=curves[0].values + shift)
-        links = plant.placements[self.name]
+        links = self.problem.model.plant.placements[self.name]
         wire = next(link.on[0] for link in links if self.size in link.effect.params)
         after = fitted.evidence.rms
         return ResidualMap(self.name, self.size, wire, tuple(curves), fitted, before, after)

@@ -44,8 +44,7 @@ if TYPE_CHECKING:
     import polars as pl
 
 LEFT = "left"  # name of the signal that is simulated minus measured
-MUCH = 0.5
-"""Size of an effect that they imitate, over the gap, from which it is worth an experiment."""
+MUCH = 0.5  # effect that they imitate, over the gap, from which it is worth an experiment
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -302,16 +301,11 @@ class Diagnosis(Parametrised, Result):
         return design.repeats_wanted(left, origins, self.logs, self.settings)
 
     def with_commands(self, *folders: Path) -> Diagnosis:
-        """Write the command of the next experiment as a table, ready to play.
+        """Write the command of the next experiment as a table, ready to play, to these folders;
+        return the diagnosis, which names the tables, if there is a folder.
 
         An earlier table that was played and filled stays: it is a log by now, or holds more than a
         command.
-
-        Args:
-            folders: where the tables are written; without any, none is.
-
-        Returns:
-            The same diagnosis, which names the tables.
 
         Raises:
             UserError: a table cannot be written.
@@ -332,10 +326,7 @@ class Diagnosis(Parametrised, Result):
         return replace(self, written=planned)
 
     def without_next(self, why: str) -> Diagnosis:
-        """Return the same diagnosis as one that was stopped before the next experiment was sought.
-
-        Args:
-            why: in words, see ``stopped``.
-        """
+        """Return the same diagnosis as one that was stopped before the next experiment was sought,
+        in words ``why``, see ``stopped``."""
         left = (*self.unfinished, "the next experiment")
         return replace(self, written=(), stopped=why, unfinished=left)

@@ -107,12 +107,8 @@ Signature = Codes | Answers
 
 
 def signature(fitted: FittedModel, name: str) -> Signature | None:
-    """Return the signature of an effect in the logs, None where it has none or they cannot show it.
-
-    Args:
-        fitted: with the effect on.
-        name: of the effect.
-    """
+    """Return the signature of an effect in the logs, None where it has none or they cannot show
+    it; ``fitted`` has it on."""
     place = fitted.problem.model.plant.main(name)
     if place.effect.hints.signature == "clock":
         return _answers(fitted, name)
@@ -220,13 +216,12 @@ def _of_log(
     """
     none = np.empty(0), np.empty(0), np.empty(0)
     period, before = clock
-    interval = float(np.median(np.diff(log.times)))
     windows = _steps(log, wire)
-    if not windows or period < LEAST_ROWS_IN_A_PERIOD * interval:
+    if not windows or period < LEAST_ROWS_IN_A_PERIOD * log.interval:
         return none
-    moves = _moves(period, interval)
+    moves = _moves(period, log.interval)
     squares = np.array([_squares(fitted, _moved(log, wire, k), values) for k in moves])
-    times = np.asarray(moves * interval)
+    times = np.asarray(moves * log.interval)
     rows = []
     for begin, end in windows:
         cost = squares[:, begin:end].sum(axis=1)

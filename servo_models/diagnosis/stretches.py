@@ -77,12 +77,7 @@ class Part:
 
 def unlike_parts(fitter: Fitter, selection: Selection) -> tuple[Part, ...]:
     """Return parts each of which parameters alone explain if they are its own, or they and the
-    effects that were taken; none where a part is not explained, or no parameter differs surely.
-
-    Args:
-        fitter: of a diagnosis, with its logs.
-        selection: what it has found, which leaves more than noise.
-    """
+    effects that were taken; none where a part is not explained, or no parameter differs surely."""
     fitter, parts = fitter.surveyed(), _parts(fitter.logs)
     for model in dict.fromkeys((selection.retuned, selection.taken)):
         fitted = list(_fitted(fitter, parts, model)) if model.problem.free else []

@@ -33,12 +33,9 @@ from servo_models.identification.simulation import false_starts
 from servo_models.report.numbers import listed, plural
 
 SEEN = 1.0  # movement [noise floors] from which logs can show an effect
-ELSEWHERE = 2.0
-"""Error of a log that is held out over that of the others, from which something else acts there."""
-UNLIKE = 3.0
-"""Spread of repeats over the scatter of samples, from which it is hardly noise of a reading."""
-MOTION = 0.5
-"""Share of a noise floor that is found in a simulation without noise, from which it is doubtful."""
+ELSEWHERE = 2.0  # error of a log held out over that of the others: something else acts there
+UNLIKE = 3.0  # spread of repeats over scatter of samples that is hardly noise of a reading
+MOTION = 0.5  # share of a noise floor, found without noise, from which it is doubtful
 MOST_SURPRISES = 2  # parameters that a sentence names
 MOST_ALTERNATIVES = 3  # alternatives of a confidence set that a sentence names
 
@@ -66,10 +63,10 @@ def sentence(diagnosis: Diagnosis) -> str:
 def rest(diagnosis: Diagnosis) -> str:
     """Return a clause on errors that are left and are no noise, "" where something is missing
     anyway."""
-    left = (
-        diagnosis.verdict.rest if diagnosis.verdict.kind not in (NOT_IDENTIFIABLE, OUTSIDE) else 0.0
-    )
-    return f"; {left:.3g} noise floors of what is left are no noise" if left else ""
+    left = diagnosis.verdict.rest
+    if not left or diagnosis.verdict.kind in (NOT_IDENTIFIABLE, OUTSIDE):
+        return ""
+    return f"; {left:.3g} noise floors of what is left are no noise"
 
 
 def shape(diagnosis: Diagnosis) -> str:
@@ -81,13 +78,8 @@ def shape(diagnosis: Diagnosis) -> str:
 def not_shown(diagnosis: Diagnosis) -> str:
     """Return a clause on effects that another experiment shows and these logs do not, beside
     parameters that explain the gap; "" for none."""
-    names = [
-        name
-        for one in diagnosis.next_experiments
-        for effects in one.explanations
-        if one.rules_out((), effects)
-        for name in effects
-    ]
+    shown = ((one, it) for one in diagnosis.next_experiments for it in one.explanations)
+    names = [name for one, effects in shown if one.rules_out((), effects) for name in effects]
     if not names:
         return ""
     verb = "do" if len(names) > 1 else "does"
@@ -118,10 +110,9 @@ def headline(diagnosis: Diagnosis) -> str:
     """Return the verdict in a clause, without figures and rivals; first what is wrong with a log,
     and that it was stopped."""
     so_far = f"Stopped {diagnosis.stopped}, best so far: " if diagnosis.stopped else ""
-    rows = (
-        "If commands were sent between the rows that have them: " if diagnosis.between_rows else ""
-    )
-    return f"{mistaken(diagnosis)}{so_far}{rows}{_headline(diagnosis)}"
+    if diagnosis.between_rows:
+        so_far += "If commands were sent between the rows that have them: "
+    return f"{mistaken(diagnosis)}{so_far}{_headline(diagnosis)}"
 
 
 def mistaken(diagnosis: Diagnosis) -> str:
@@ -241,9 +232,8 @@ def rivals(diagnosis: Diagnosis) -> str:
     """Return a clause on effects that do as well as the ones taken, "" for none."""
     if diagnosis.verdict.kind not in (EFFECT, EFFECTS):
         return ""
-    others = [
-        name for name in diagnosis.verdict.members if name not in diagnosis.selection.taken.effects
-    ]
+    taken = diagnosis.selection.taken.effects
+    others = [name for name in diagnosis.verdict.members if name not in taken]
     if diagnosis.verdict.kind == EFFECTS and others:
         return f"; cannot be told apart: {choices(diagnosis)}"
     return f"; cannot be told apart from {', '.join(others)}" if others else ""
@@ -272,13 +262,9 @@ def change(diagnosis: Diagnosis) -> str:
         before, after = (f"{scale * gap.rms[stage]:.3g}" for stage in ("before", "after"))
         outputs.append(f"{gap.output} {before} -> {after} {unit}".rstrip())
     floors = f"{rms['before']:.3g} -> {rms['after']:.3g} noise floors held out"
-    return f"{floors} ({', '.join(outputs)}){_closing(diagnosis.gap)}"
-
-
-def _closing(gap: GapSummary) -> str:
-    if gap.closed is None:
-        return ""
-    return f", which closes {closed(gap)} of what can be closed"
+    share = closed(diagnosis.gap)
+    closes = f", which closes {share} of what can be closed" if share else ""
+    return f"{floors} ({', '.join(outputs)}){closes}"
 
 
 def closed(gap: GapSummary) -> str:
@@ -303,8 +289,7 @@ def ruled_out(diagnosis: Diagnosis) -> dict[str, str]:
     why = "explains too little beside those that were fitted"
     if diagnosis.selection.unfinished:
         why = "was not fitted before the search was stopped"
-    for name in sorted(rest, key=lambda name: -reach[name].shown):
-        said[name] = why
+    said |= dict.fromkeys(sorted(rest, key=lambda name: -reach[name].shown), why)
     unseen = {name: _unseen(reach[name]) for name in said if reach[name].shown < SEEN}
     return {**{name: why for name, why in said.items() if name not in unseen}, **unseen}
 
@@ -342,11 +327,8 @@ def marks(diagnosis: Diagnosis, fitted: FittedModel) -> list[str]:
 def moves(diagnosis: Diagnosis) -> dict[str, float]:
     """Return how far nominal parameters moved, in prior standard deviations, by name."""
     free = {one.name: one for one in diagnosis.selection.taken.problem.free}
-    return {
-        value.name: free[value.name].moved(value.value)
-        for value in diagnosis.found
-        if free[value.name].prior is not None
-    }
+    uncertain = [it for it in diagnosis.found if free[it.name].prior is not None]
+    return {it.name: free[it.name].moved(it.value) for it in uncertain}
 
 
 def far(diagnosis: Diagnosis) -> dict[str, float]:
@@ -358,10 +340,7 @@ def far(diagnosis: Diagnosis) -> dict[str, float]:
 def doubts(diagnosis: Diagnosis) -> dict[str, str]:
     """Return in a few words why a parameter's value is doubtful, by name, if it is."""
     free = {one.name: one for one in diagnosis.selection.taken.problem.free}
-    said = {
-        value.name: doubt(free[value.name], value.value, value.standard_error)
-        for value in diagnosis.found
-    }
+    said = {it.name: doubt(free[it.name], it.value, it.standard_error) for it in diagnosis.found}
     return {name: text for name, text in said.items() if text}
 
 

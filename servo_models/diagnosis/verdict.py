@@ -118,19 +118,10 @@ def weights_by_effects(selection: Selection, verdict: Verdict) -> dict[tuple[str
 
 def parameters_explain(selection: Selection) -> bool:
     """Return whether re-tuned parameters alone explain the gap."""
-    settings = selection.retuned.settings
-    share = closed(selection.before.rms, selection.retuned.evidence.rms, 1.0)
-    return (
-        bool(selection.retuned.problem.free)
-        and share is not None
-        and share >= settings.explained_share
-    )
-
-
-def _locked(taken: FittedModel) -> LockedTest:
-    slopes = taken.linearised.slopes[: taken.problem.samples]
-    test = command_locked(taken.problem, taken.values, taken.evidence.errors, slopes)
-    return replace(test, settings=taken.settings)
+    retuned = selection.retuned
+    share = closed(selection.before.rms, retuned.evidence.rms, 1.0)
+    enough = share is not None and share >= retuned.settings.explained_share
+    return enough and bool(retuned.problem.free)
 
 
 def decide(selection: Selection, tolerance: float = TOLERANCE) -> Verdict:
@@ -144,7 +135,9 @@ def decide(selection: Selection, tolerance: float = TOLERANCE) -> Verdict:
     gap = rms(selection.retuned.evidence.errors)
     limit_cycle = unrepeatable(taken)
     left = taken.left.without(limit_cycle)
-    locked = _locked(taken)
+    slopes = taken.linearised.slopes[: taken.problem.samples]
+    test = command_locked(taken.problem, taken.values, taken.evidence.errors, slopes)
+    locked = replace(test, settings=settings)
     lacking = (
         lacks(taken, selection.retuned)
         or bool(not_followed(taken, tolerance))

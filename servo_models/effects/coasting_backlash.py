@@ -6,8 +6,7 @@ from typing import Annotated
 from servo_models.core.block import Ambiguity, Hints, Param, effect
 
 SOURCE = "Nordin, Gutman, Automatica 38 (2002) 1633, sec. 2.2 (two masses, contact with damping)"
-STEP_ANGLE = 0.13
-"""Phase [rad] of the contact's oscillation in an internal step, as with a compliant gear."""
+STEP_ANGLE = 0.13  # phase of the contact's oscillation in an internal step [rad]
 
 HalfWidth = Annotated[
     float,

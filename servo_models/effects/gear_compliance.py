@@ -5,8 +5,7 @@ from typing import Annotated
 
 from servo_models.core.block import Ambiguity, Hints, Param, effect
 
-RIGID = 1e-6
-"""Compliance [rad/(N m)] below which a gear is rigid: its resonance would only cost steps."""
+RIGID = 1e-6  # compliance of a rigid gear [rad/(N m)]: its resonance would only cost steps
 SOURCE = "two-mass model, e.g. Ellis, Control System Design Guide, 2012, ch. 16"
 
 Compliance = Annotated[

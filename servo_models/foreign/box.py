@@ -21,8 +21,7 @@ from cachetools import LRUCache
 from servo_models.core.types import Array
 
 KEPT = 256  # latest answers of a box that are kept
-Run = Callable[[Array, Array, Array], Array]
-"""A run of the plant: state, times, inputs -> outputs."""
+Run = Callable[[Array, Array, Array], Array]  # a run of the plant: state, times, inputs -> outputs
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from typing import Any
 from servo_models.errors import UserError
 
 SERVE = "from servo_models.foreign.child import serve; serve()"
+SECONDS = 60.0  # s that one run may take
 GRACE = 5.0  # s that a process may take to end
 
 

@@ -27,11 +27,10 @@ from servo_models.core.types import Array
 from servo_models.errors import UserError, did_you_mean
 from servo_models.files import read_regular
 from servo_models.foreign.box import Signal
-from servo_models.foreign.child import Child
+from servo_models.foreign.child import SECONDS, Child
 from servo_models.units import base_unit, parse
 
 STEP, STOP = 1e-3, 1.0  # s, where the file says nothing
-SECONDS = 60.0  # that one run may take
 TABLES = ("INPUTS", "OUTPUTS", "PARAMETERS")
 
 

@@ -19,9 +19,8 @@ from servo_models.core.types import Array
 from servo_models.data.readers.columns import extra
 from servo_models.errors import UserError, did_you_mean
 from servo_models.foreign.box import Signal
-from servo_models.foreign.child import Child
+from servo_models.foreign.child import SECONDS, Child
 
-SECONDS = 60.0  # that one run may take
 STOP = 2.0  # s, of an experiment that shows what it does
 HINGE = 3  # mjtJoint.mjJNT_HINGE
 JOINT = {"damping": "dof_damping", "armature": "dof_armature", "frictionloss": "dof_frictionloss"}

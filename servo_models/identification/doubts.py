@@ -195,18 +195,12 @@ def warnings(problem: Problem, vector: Array, spread: Spread) -> list[str]:
         if not any({i, j} <= set(group) for group in spread.groups)
     ]
     if spread.condition > ILL_CONDITIONED:
-        said.append(
-            Doubt(
-                f"the fit is ill-conditioned ({_short(spread.condition)}): some combination of"
-                " parameters is free; fix one of them"
-            )
-        )
+        told = f"{spread.condition:.0f}"
+        if spread.condition >= WORST_CONDITION:
+            told = f"more than {WORST_CONDITION:.0e}"
+        text = f"the fit is ill-conditioned ({told}): some combination of parameters is free"
+        said.append(Doubt(f"{text}; fix one of them"))
     return said
-
-
-def _short(condition: float) -> str:
-    told = condition < WORST_CONDITION
-    return f"{condition:.0f}" if told else f"more than {WORST_CONDITION:.0e}"
 
 
 def _share(error: float, value: float) -> str:

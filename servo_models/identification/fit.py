@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from servo_models.core.plant import unknown
+from servo_models.core.plant import check_known
 from servo_models.core.simulate import Model
 from servo_models.core.types import Array
 from servo_models.core.workers import Workers
@@ -93,7 +93,9 @@ def fit(
 
 
 def _fitted(problem: Problem, kind: str, starts: int, seed: int, tell: Progress) -> Identification:
-    before = _nominal_responses(problem)
+    # effects to be freed are still off
+    nominal = Problem(problem.model, problem.logs, [], sigma=problem.sigma)
+    before = nominal.responses(np.empty(0))
     problem, optimum = _reweighted_search(problem, search(problem, kind, starts, seed, tell), tell)
     while (free := _widened(problem, optimum.vector)) != problem.free and not optimum.interrupted:
         tell("widening the priors of parameters that moved far")
@@ -178,11 +180,6 @@ def fixed_by(logs: Sequence[Log], names: Iterable[str]) -> tuple[str, ...]:
     return tuple(name for name in names if fitted and all(name in log.constants for log in fitted))
 
 
-def _nominal_responses(problem: Problem) -> list[dict[str, Array]]:
-    """Responses before anything is estimated; effects to be freed are still off."""
-    return Problem(problem.model, problem.logs, [], sigma=problem.sigma).responses(np.empty(0))
-
-
 def _reweighted(problem: Problem, vector: Array) -> Problem:
     """The problem with each output weighted by its own error, which is maximum likelihood."""
     sigma = {}
@@ -230,13 +227,8 @@ def checked_logs(
     model: Model, logs: Sequence[Log], free: int = 0, where: object = None
 ) -> tuple[Log, ...]:
     """Return logs with how they begin and without single wild readings; refuse what nothing could
-    be said of, before the work.
-
-    Args:
-        model: nominal.
-        logs: to be fitted.
-        free: number of parameters that are.
-        where: the description, for the message.
+    be said of, before the work.  So many parameters are ``free``; ``where`` names the
+    description.
 
     Raises:
         UserError: no logs; every sample held out; an output that the model has not; no more
@@ -251,9 +243,7 @@ def checked_logs(
     if not fitted:
         raise UserError(f"{told} holds out every sample: leave some to fit")
     for log in logs:
-        for name in log.outputs:
-            if name not in model.plant.outputs:
-                raise UserError(unknown("output", name, dict.fromkeys(model.plant.outputs)))
+        check_known("output", log.outputs, model.plant.outputs)
     logs = [without_outliers(log, model.plant) for log in logs]
     samples = sum(int(log.fitted.sum()) for log in logs)
     if samples <= free:

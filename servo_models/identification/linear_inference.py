@@ -46,8 +46,7 @@ NEAR_ZERO = 0.1  # value in scales below which a change is in scales
 PARTS = (1.0, 0.7)  # widths of a slope over the largest of them
 MORE_PARTS = (1.0, 0.7, 0.85, 0.6, 0.92, 0.78)
 """Widths over the largest where two still disagree: noise falls with their number."""
-ASIDE = 0.02
-"""Largest part of a value by which the middle of a slope moves: else widths meet the same steps."""
+ASIDE = 0.02  # largest relative move of the middle of a slope: else widths meet the same steps
 ASIDE_OVER_WIDTH = 2.0  # largest of these parts over a narrow width
 AGREED = 0.01  # share of a slope's energy in which two widths may disagree without being widened
 NARROWER = (3e-4, 1e-5)  # half widths beside roughness: curvature falls with width, roughness grows
@@ -472,7 +471,9 @@ def spread(problem: Problem, vector: Array) -> Spread:
             if np.isfinite(errors[i]):
                 errors[i] = along.tread(errors[i], by_slopes.slopes[i])
             else:
-                errors[i] = along.needle(dent=_dent(told, i))
+                # how rough the response is in the others
+                others = np.delete(told.roughness, i)
+                errors[i] = along.needle(dent=float(np.median(others)) if others.size else 0.0)
     profiles = []
     for i in inner:
         if 0.0 < errors[i] < np.inf:
@@ -486,15 +487,10 @@ def spread(problem: Problem, vector: Array) -> Spread:
 def _profiled(
     problem: Problem, vector: Array, slopes: Array, which: int, error: float
 ) -> tuple[float, Profile]:
-    """Return how much wider the interval of an estimate is than slopes say, and the profile that
-    tells it: others follow along their slopes.
+    """Return how much wider the interval of an estimate is than its standard error by slopes
+    [scales] says, and the profile that tells it: others follow along their slopes.
 
     A limit that is met for moments, and a jump, are told from one side only.
-
-    Args:
-        problem, vector, slopes: about which.
-        which: of the estimates.
-        error: its standard error by slopes [scales].
     """
     others, (low, high) = factors(np.delete(slopes, which, axis=1)), problem.bounds
     end = PROFILED_ERRORS * error
@@ -533,11 +529,9 @@ def _by_half_a_step(problem: Problem, vector: Array) -> Array:
     No step is longer than an interval of the log.
     """
     step, values = problem.model.values["internal_step"], problem.values(vector)
-    intervals = [np.diff(log.times) for log in problem.logs if len(log.times) > 1]
-    longest = min((float(np.median(it)) for it in intervals), default=step)
+    longest = min([step, *(log.interval for log in problem.logs)])
     half, whole = (
-        problem.errors_with({**values, "internal_step": it})
-        for it in (0.5 * min(step, longest), step)
+        problem.errors_with({**values, "internal_step": it}) for it in (0.5 * longest, step)
     )
     return half - whole
 
@@ -597,12 +591,6 @@ def _roughness(problem: Problem, told: Information, residuals: Array) -> float:
     return max(1.0, 2.0 * float(np.mean(told.jitter)) / max(power, 1e-300))
 
 
-def _dent(told: Information, which: int) -> float:
-    """Squared errors by which the response is rough in parameters other than ``which``."""
-    others = np.delete(told.roughness, which)
-    return float(np.median(others)) if others.size else 0.0
-
-
 class Axis:
     """What happens along one parameter, where slopes do not tell it."""
 
@@ -618,13 +606,10 @@ class Axis:
         return [one[: self.problem.samples] for one in errors]
 
     def tread(self, error: float, slope: float) -> float:
-        """Return a standard error [scales], at least that of a value anywhere on a step's tread.
+        """Return a standard error [scales], at least that of a value anywhere on a step's tread;
+        ``error`` as slopes tell it, ``slope`` the root of the sum of squares per scale.
 
         A delay beside a hold is known to the tick, however many samples there are.
-
-        Args:
-            error: as slopes tell it.
-            slope: root of the sum of squares, per scale.
         """
         if error > WIDE:
             return error
@@ -650,18 +635,12 @@ class Axis:
         """
         base = float(self.errors @ self.errors)
         noise = 1.0 if right else base / len(self.errors) * inflation(self.errors)
-        noise = max(noise, DENT * dent)
-        inside = 0.0
-        for by in REACHES:
-            sides = self._sides(by)
-            if right:
-                rise = min(float(np.sum((one - self.errors) ** 2)) for one in sides)
-            else:
-                rise = min(float(one @ one) for one in sides) - base
-            inside = by if rise <= noise else inside
-        if inside > NEEDLE:
-            return np.inf
-        return max(float(inside), float(REACHES[0]))
+        inside = float(REACHES[0])
+        for by in REACHES.tolist():
+            changed = [one - self.errors if right else one for one in self._sides(by)]
+            rise = min(float(one @ one) for one in changed) - (0.0 if right else base)
+            inside = by if rise <= max(noise, DENT * dent) else inside
+        return np.inf if inside > NEEDLE else inside
 
 
 def _correlations(slopes: Array) -> Array:

@@ -57,13 +57,8 @@ def live_logs(
 def live_runs(
     model: Model, logs: Sequence[Log], sets: Iterable[Mapping[str, float]]
 ) -> tuple[LiveRun, ...]:
-    """Return logs for a panel, as many rows as a page holds.
-
-    Args:
-        model: nominal.
-        logs: as measured.
-        sets: values [SI] of the panel's sets, in their order, the nominal one first.
-    """
+    """Return logs for a panel, as many rows as a page holds; ``sets`` are values [SI] in their
+    order, the nominal ones first."""
     shown: list[LiveRun] = []
     left = MOST_NUMBERS
     values = [dict(it) for it in sets]

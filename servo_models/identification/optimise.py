@@ -108,7 +108,10 @@ def search(
     widths: Array | None = None
     try:
         problem.residuals(problem.nominal)  # a result is never worse
-        widths = None if smooth else steps(problem, _inside(problem, problem.start))
+        low, high = problem.bounds
+        margin = 1e-9 * np.maximum(1.0, np.abs(problem.start))  # off its bounds
+        begin = np.clip(problem.start, low + margin, high - margin)
+        widths = None if smooth else steps(problem, begin)
         if kind == GLOBAL:
             tell("global search (CMA-ES)")
             _explore(problem, seed, tell)
@@ -309,7 +312,7 @@ def _round(
         if promised <= 0.1 * tolerance * at.cost or hopeless:
             if at.fresh:
                 return at, True
-            at = _refreshed(problem, at, widths)
+            at = _Point(at.vector, at.errors, problem.jacobian(at.vector, widths), fresh=True)
             continue
         errors = problem.residuals(at.vector + step)
         saved = at.cost - 0.5 * float(errors @ errors)
@@ -321,17 +324,12 @@ def _round(
             if saved > GOOD_DECREASE * promised:
                 damping = max(damping * DAMPING_AFTER_GOOD, LEAST_DAMPING)
         elif not at.fresh:
-            at = _refreshed(problem, at, widths)
+            at = _Point(at.vector, at.errors, problem.jacobian(at.vector, widths), fresh=True)
         elif damping > MOST_DAMPING:
             return at, True
         else:
             damping *= DAMPING_AFTER_FAILED
     return at, False
-
-
-def _refreshed(problem: Problem, at: _Point, widths: Array | None) -> _Point:
-    slopes = problem.jacobian(at.vector, widths)
-    return _Point(at.vector, at.errors, slopes, fresh=True)
 
 
 def _slopes(problem: Problem, vector: Array, widths: Array | None, known: Array | None) -> Array:
@@ -384,13 +382,6 @@ def _moved(
         return _Point(vector, errors, problem.jacobian(vector, widths), fresh=True)
     slopes = at.slopes + np.outer(missed, step / float(step @ step))
     return _Point(vector, errors, slopes, fresh=False)
-
-
-def _inside(problem: Problem, vector: Array) -> Array:
-    """A vector moved a little off its bounds, where a search may begin."""
-    low, high = problem.bounds
-    margin = 1e-9 * np.maximum(1.0, np.abs(vector))
-    return np.clip(vector, low + margin, high - margin)
 
 
 def _explore(problem: Problem, seed: int, tell: Progress) -> None:

@@ -10,15 +10,16 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from servo_models.core.bounds import is_outside
 from servo_models.core.plant import Plant, Wire
 from servo_models.core.simulate import Model, simulate
-from servo_models.core.types import Array, Mask
+from servo_models.core.types import Array
 from servo_models.data.description import Description
 from servo_models.data.log import Channel, Log
 from servo_models.data.mistakes import Mistake
@@ -90,18 +91,16 @@ def implausible(described: Description) -> tuple[str, ...]:
 
 
 def mistaken_columns(model: Model, log: Log, answer: float) -> Iterator[Mistake]:
-    """Yield which columns contradict the nominal model by their sign, unit, scale or zero.
-
-    Args:
-        model: nominal.
-        log: that begins as it shows.
-        answer: see ``answer_time`` [s].
-    """
-    against = _against(model, log)
+    """Yield which columns contradict the nominal model by their sign, unit, scale or zero.  The log
+    begins as it shows; ``answer`` is the ``answer_time`` of the model [s]."""
+    pairs = _compared(model, log)
+    against = _against(model, log, pairs)
     yield from _about_signs(model, log, against)
-    turned = _turned(model, log, against)
-    yield from [*_about_rates(model, turned)] or _about_units(model, turned, answer)
-    yield from _about_zeros(model, turned)
+    if against:
+        log = _turned(model, log, against)
+        pairs = _compared(model, log)
+    yield from [*_about_rates(log, pairs)] or _about_units(model, log, pairs, answer)
+    yield from _about_zeros(model, log, pairs)
 
 
 def implausible_clocks(described: Description) -> tuple[str, ...]:
@@ -118,7 +117,7 @@ def implausible_clocks(described: Description) -> tuple[str, ...]:
 
 
 def _about_clock(model: Model, log: Log, answer: float) -> Iterator[str]:
-    interval = float(np.median(np.diff(log.times)))
+    interval = log.interval
     slow, short = interval > MOST_INTERVAL * answer, log.duration < LEAST_DURATION * answer
     if not (slow or short):
         return
@@ -181,14 +180,10 @@ def _about_held_inputs(model: Model, log: Log) -> Iterator[str]:
         values = log.inputs.get(wire.name, log.constants.get(wire.name))
         if wire.name == main or wire.flag or values is None or not isinstance(wire.rest, float):
             continue
-        level = float(np.median(values))
+        level, stated = float(np.median(values)), wire.name in log.constants
         if wire.rest:
             yield from _about_supply(model, log, wire, level)
-        elif (
-            wire.name in log.constants
-            and _is_declared(wire)
-            and abs(level) > MOST_LOAD * wire.scale
-        ):
+        elif stated and _is_declared(wire) and abs(level) > MOST_LOAD * wire.scale:
             yield (
                 f"'{wire.name}' = {level:g} {wire.unit} is {abs(level) / wire.scale:.3g} times the"
                 f" full scale of '{model.actuator.name}', {wire.scale:g} {wire.unit}: give what"
@@ -215,17 +210,17 @@ def _about_supply(model: Model, log: Log, wire: Wire, level: float) -> Iterator[
 # Signs of columns
 
 
-def _against(model: Model, log: Log) -> list[str]:
+def _against(model: Model, log: Log, pairs: Mapping[str, _Pair]) -> list[str]:
     """Outputs that move as the model does, the other way round."""
-    ways = [log]
-    if log.start and log.start.fitted:  # which hides the sign, so as settled and from rest instead
-        ways = [replace(log, start=None), replace(log, start=None, settle=0.0)]
-    unlike = [name for name, misfit in _misfits(model, log).items() if misfit > UNLIKE]
-    simulated = [_simulated(model, way) for way in ways] if unlike else []
+    unlike, ways = _unlike(pairs), [pairs]
+    # a fitted start hides the sign, so as settled and from rest instead
+    if unlike and log.start and log.start.fitted:
+        settled = replace(log, start=None)
+        ways = [_compared(model, way) for way in (settled, replace(settled, settle=0.0))]
     return [
         name
         for name in unlike
-        if any(_follows(_kept(log, name), -it[name][_usual(log, name)]) for it in simulated)
+        if any(_follows(way[name].measured, -way[name].response) for way in ways)
     ]
 
 
@@ -253,8 +248,6 @@ def _about_signs(model: Model, log: Log, against: Sequence[str]) -> Iterator[Mis
 
 def _turned(model: Model, log: Log, names: Sequence[str]) -> Log:
     """The log with the other sign of these outputs, and with the start that it then shows."""
-    if not names:
-        return log
     turned = {name: -values for name, values in log.outputs.items() if name in names}
     again = replace(log, outputs={**log.outputs, **turned})
     if log.start and log.start.fitted:
@@ -265,14 +258,11 @@ def _turned(model: Model, log: Log, names: Sequence[str]) -> Log:
 # Columns of something else
 
 
-def _about_rates(model: Model, log: Log) -> Iterator[Mistake]:
+def _about_rates(log: Log, pairs: Mapping[str, _Pair]) -> Iterator[Mistake]:
     """Readings that go together with the rate of what they are read as."""
-    simulated = _simulated(model, log)
-    for name, misfit in _misfits(model, log).items():
-        measured, response = _kept(log, name), simulated[name]
-        rate = np.gradient(response, log.times)[_usual(log, name)]
-        alike = _follows(measured, response[_usual(log, name)])
-        if misfit > UNLIKE and not alike and _follows(measured, rate):
+    for name in _unlike(pairs):
+        measured, response, rate = pairs[name]
+        if _follows(measured, rate) and not _follows(measured, response):
             yield Mistake(
                 f"{_column(log, name)} moves as the rate of '{name}' does: read it as a rate,"
                 " or read the column that was measured",
@@ -281,20 +271,16 @@ def _about_rates(model: Model, log: Log) -> Iterator[Mistake]:
             )
 
 
-def _about_zeros(model: Model, log: Log) -> Iterator[Mistake]:
+def _about_zeros(model: Model, log: Log, pairs: Mapping[str, _Pair]) -> Iterator[Mistake]:
     """Positions with another zero than the model's, that move alike; a load moves that of a drive
     and of its current."""
-    simulated, wires = _simulated(model, log), model.plant.wire
-    positions = {
-        name: it for name, it in _misfits(model, log).items() if wires[name].unit in POSITIONS
-    }
-    for name, misfit in positions.items():
-        measured, response = _kept(log, name), simulated[name][_usual(log, name)]
-        off, unit = float(np.median(measured - response)), _channel(log, name).told[1]
-        spread = float(np.std(measured - response))
-        least = max(ELSEWHERE * float(np.ptp(response)), STEADY * spread)
-        if misfit < UNLIKE and abs(off) > least:
-            size = off * factor(wires[name].unit, unit)
+    for name, pair in pairs.items():
+        si, unit = model.plant.wire[name].unit, _channel(log, name).told[1]
+        apart = pair.measured - pair.response
+        off = float(np.median(apart))
+        least = max(ELSEWHERE * np.ptp(pair.response), STEADY * np.std(apart))
+        if si in POSITIONS and pair.misfit < UNLIKE and abs(off) > least:
+            size = off * factor(si, unit)
             yield Mistake(
                 f"{_column(log, name)} moves as the model does, but {size:.4g} {unit} off: its zero"
                 f" is elsewhere; give it offset = {-size:.4g}",
@@ -308,19 +294,19 @@ def _about_zeros(model: Model, log: Log) -> Iterator[Mistake]:
 # Units of columns
 
 
-def _about_units(model: Model, log: Log, answer: float) -> Iterator[Mistake]:
+def _about_units(
+    model: Model, log: Log, now: Mapping[str, _Pair], answer: float
+) -> Iterator[Mistake]:
     """A sentence on the columns whose unit or scale makes no sense."""
-    now = _misfits(model, log)
-    if not now:
-        return
+    wires = model.plant.wire
     sensible: list[tuple[float, float, Correction]] = []
-    for correction in _corrections(model, log, now, answer):
+    for correction in _corrections(model, log, now, answer) if now else ():
         changed = correction.of(log)
-        if _leaves_bounds(model.plant, changed):
+        if any(is_outside(it, wires[name]).any() for name, it in changed.inputs.items()):
             continue
-        then = _misfits(model, changed)
+        then = _compared(model, changed)
         if _makes_sense(model, log, changed, correction, now, then, answer):
-            sensible.append((_mean(then), _strangeness(model.plant, changed), correction))
+            sensible.append((_misfit(then), _strangeness(model.plant, changed), correction))
     if not sensible:
         return
     counts = [one for *_, one in sensible if not one.unit and TIME not in one.columns]
@@ -379,10 +365,10 @@ def _channel(log: Log, name: str) -> Channel:
 
 
 def _corrections(
-    model: Model, log: Log, now: Mapping[str, float], answer: float
+    model: Model, log: Log, now: Mapping[str, _Pair], answer: float
 ) -> Iterator[Correction]:
     """What else the columns could be, the cheap ones first."""
-    unlike = [name for name, misfit in now.items() if misfit > UNLIKE]
+    unlike = _unlike(now)
     every = {
         name: other_units(model.plant.wire[name].unit, _channel(log, name).told[1])
         for name in (*log.inputs, *log.outputs)
@@ -392,17 +378,16 @@ def _corrections(
     for name in singles:
         for unit, ratio in every[name]:
             yield Correction((name,), ratio, unit)
-    yield from _unscaled(model, log, unlike)
-    yield from _together(model.plant, every, unlike or _beyond(model, log, answer))
-    yield from _other_times(model, log, now, answer)
+    yield from _unscaled({name: now[name] for name in unlike})
+    if unlike or _beyond(model, log, answer):
+        yield from _together(model.plant, every)
+    yield from _other_times(model, log, _misfit(now), answer)
 
 
 def _together(
-    plant: Plant, every: Mapping[str, Sequence[tuple[str, float]]], wanted: Iterable[str]
+    plant: Plant, every: Mapping[str, Sequence[tuple[str, float]]]
 ) -> Iterator[Correction]:
     """Columns of one quantity that could all be in another unit, such as degrees."""
-    if not list(wanted):
-        return
     sharing: dict[tuple[str, float], list[tuple[str, str]]] = {}
     for name, units in every.items():
         for unit, ratio in units:
@@ -413,30 +398,25 @@ def _together(
             yield Correction(tuple(name for name, _ in columns), ratio, shared)
 
 
-def _unscaled(model: Model, log: Log, unlike: Sequence[str]) -> Iterator[Correction]:
+def _unscaled(pairs: Mapping[str, _Pair]) -> Iterator[Correction]:
     """Outputs that follow the model but are larger or smaller by any factor."""
-    simulated = _simulated(model, log)
-    for name in unlike:
-        measured, response = _kept(log, name), simulated[name][_usual(log, name)]
-        if not np.std(response) or not np.std(measured):
-            continue
-        ratio = float(np.std(response) / np.std(measured))
-        if _follows(measured, response) and not 1.0 / FAR < ratio < FAR:
-            yield Correction((name,), ratio, "")
+    for name, (measured, response, _) in pairs.items():
+        if np.std(measured) and _follows(measured, response):
+            ratio = float(np.std(response) / np.std(measured))
+            if not 1.0 / FAR < ratio < FAR:
+                yield Correction((name,), ratio, "")
 
 
-def _other_times(
-    model: Model, log: Log, now: Mapping[str, float], answer: float
-) -> Iterator[Correction]:
+def _other_times(model: Model, log: Log, misfit: float, answer: float) -> Iterator[Correction]:
     """Shorter ones where the misfit can be seen, longer ones where the log is over at once."""
     step = model.values.get("internal_step", answer)
     for unit, ratio in other_units("s", _channel(log, TIME).told[1]):
-        shorter = ratio < 1.0 and _mean(now) > SEEN
-        longer = ratio > 1.0 and log.duration < BEYOND * answer and _mean(now) > UNLIKE
+        shorter = ratio < 1.0 and misfit > SEEN
+        longer = ratio > 1.0 and log.duration < BEYOND * answer and misfit > UNLIKE
         if (shorter or longer) and ratio * log.duration < LONGEST * step:
             yield Correction((TIME,), ratio, unit)
     ratio = 0.5 / FAR  # four times slower may be a rig
-    while _mean(now) > SEEN and ratio * log.duration > answer:
+    while misfit > SEEN and ratio * log.duration > answer:
         yield Correction((TIME,), ratio, "")
         ratio *= 0.5
 
@@ -446,22 +426,21 @@ def _makes_sense(
     log: Log,
     changed: Log,
     correction: Correction,
-    now: Mapping[str, float],
-    then: Mapping[str, float],
+    now: Mapping[str, _Pair],
+    then: Mapping[str, _Pair],
     answer: float,
 ) -> bool:
     """Whether a log fits far better with a correction, or as well and inside the full scale."""
-    touched = [name for name in correction.columns if name in log.outputs] or list(now)
-    if len(correction.columns) > 1:
-        touched = list(now)
-    before = float(np.mean([now[name] for name in touched]))
-    after = float(np.mean([then.get(name, math.inf) for name in touched]))
+    first, *others = correction.columns
+    touched = list(now) if others or first not in log.outputs else [first]
+    before = float(np.mean([now[name].misfit for name in touched]))
+    after = float(np.mean([then[name].misfit for name in touched]))
     if TIME in correction.columns:
-        slow = correction.ratio < 1.0 and float(np.median(np.diff(log.times))) > answer
+        slow = correction.ratio < 1.0 and log.interval > answer
         return after < UNLIKE and after < (SLOWER if slow else BETTER) * before
     if before > UNLIKE and after < BETTER * before:
         return True
-    if len(correction.columns) == 1 or after > STILL_FITS * before + CLOSE * UNLIKE:
+    if not others or after > STILL_FITS * before + CLOSE * UNLIKE:
         return False
     return bool(_beyond(model, log, answer)) and not _beyond(model, changed, answer)
 
@@ -475,8 +454,8 @@ def _beyond(model: Model, log: Log, answer: float) -> list[str]:
         rate = next((w for w in wires.values() if w.unit == f"{wire.unit}/s"), None)
         if wire.flag or rate is None or not _is_declared(rate):
             continue
-        values = _kept(log, name)
-        times = log.times[_usual(log, name)]
+        usual = outliers(log.outputs[name]) == 0.0
+        values, times = log.outputs[name][usual], log.times[usual]
         stride = max(1, round(0.25 * answer / float(np.median(np.diff(times)))))
         if len(values) <= stride:
             continue
@@ -499,52 +478,48 @@ def _strangeness(plant: Plant, log: Log) -> float:
     return sum(abs(math.log(span / scale)) for span, scale in spans if span > 0.0)
 
 
-def _leaves_bounds(plant: Plant, log: Log) -> bool:
-    return any(is_outside(values, plant.wire[name]).any() for name, values in log.inputs.items())
-
-
 # The nominal model beside a log
 
 
-def _misfits(model: Model, log: Log) -> dict[str, float]:
-    """Mean squared difference to the nominal model over the power of both, by output.
+class _Pair(NamedTuple):
+    """Readings of an output and what the nominal model gives, without outliers, shapes (n,)."""
 
-    Both without their means: 0 for the same motion, near 1 where one hardly moves beside the
-    other, whichever that is.
-    """
-    simulated = _simulated(model, log)
-    misfits: dict[str, float] = {}
-    for name in log.outputs:
-        if model.plant.wire[name].flag:
-            continue
-        measured, response = _kept(log, name), simulated[name][_usual(log, name)]
-        measured, response = measured - np.mean(measured), response - np.mean(response)
+    measured: Array
+    response: Array
+    rate: Array
+
+    @property
+    def misfit(self) -> float:
+        """Mean squared difference over the power of both, each without its mean.
+
+        0 for the same motion, near 1 where one hardly moves beside the other, whichever that is.
+        """
+        measured, response, _ = (values - np.mean(values) for values in self)
         power = float(np.mean(measured**2) + np.mean(response**2))
         misfit = float(np.mean((measured - response) ** 2)) / power if power != 0.0 else 0.0
-        misfits[name] = misfit if math.isfinite(misfit) else math.inf
-    return misfits
+        return misfit if math.isfinite(misfit) else math.inf
 
 
-def _simulated(model: Model, log: Log) -> dict[str, Array]:
-    """Measured outputs as the nominal model gives them; NaN where it cannot be simulated."""
+def _compared(model: Model, log: Log) -> dict[str, _Pair]:
+    """Outputs that are no flags; NaN where the model cannot be simulated."""
     try:
         outputs = prepared(model, log).outputs_or_nan({})
     except UserError:
         outputs = np.full((len(log.times), len(log.outputs)), np.nan)
-    return dict(zip(log.outputs, outputs.T))
+    pairs = {}
+    for (name, measured), response in zip(log.outputs.items(), outputs.T):
+        if not model.plant.wire[name].flag:
+            usual, rate = outliers(measured) == 0.0, np.gradient(response, log.times)
+            pairs[name] = _Pair(measured[usual], response[usual], rate[usual])
+    return pairs
 
 
-def _usual(log: Log, name: str) -> Mask:
-    """Mark readings that are no outliers."""
-    return np.asarray(outliers(log.outputs[name]) == 0.0)
+def _unlike(pairs: Mapping[str, _Pair]) -> list[str]:
+    return [name for name, pair in pairs.items() if pair.misfit > UNLIKE]
 
 
-def _kept(log: Log, name: str) -> Array:
-    return log.outputs[name][_usual(log, name)]
-
-
-def _mean(misfits: Mapping[str, float]) -> float:
-    return float(np.mean(list(misfits.values())))
+def _misfit(pairs: Mapping[str, _Pair]) -> float:
+    return float(np.mean([pair.misfit for pair in pairs.values()]))
 
 
 def answer_time(model: Model) -> float:

@@ -32,8 +32,7 @@ LARGEST = 1e100  # weighted residual from which squares leave the finite numbers
 
 FAR_DEVIATIONS = 3.0  # prior deviations of a fitted parameter from which its prior was too narrow
 WIDER_PRIOR = 10.0  # factor on such a prior
-LEAST_SINGULAR = 0.3
-"""Weighted errors by one standard deviation of a direction, below which it is noise."""
+LEAST_SINGULAR = 0.3  # weighted errors by a standard deviation of a direction, least: less is noise
 
 
 @dataclass(frozen=True)
@@ -411,13 +410,9 @@ def log_determinant(logs: Iterable[Log], sigma: Mapping[str, float]) -> float:
 
 @cached(LRUCache(64), key=lambda log, sigma: (ref(log), sigma), lock=Lock())
 def nuisances(log: Log, sigma: tuple[float, ...]) -> tuple[Array, Array]:
-    """Return directions of weighted errors in which unsure inputs may have moved them, shape
-    (m, k), and by which share the covariance takes each away, shape (k,).
-
-    Args:
-        log: with ``unsure``.
-        sigma: weight [SI] of each of its outputs.
-    """
+    """Return directions of weighted errors in which unsure inputs may have moved them, shape (m,
+    k), and by which share the covariance takes each away, shape (k,).  ``sigma`` weights the
+    outputs [SI]."""
     assert log.unsure
     spread = [log.unsure[name][log.fitted] / size for name, size in zip(log.outputs, sigma)]
     left, singular, _ = np.linalg.svd(np.concatenate(spread), full_matrices=False)

@@ -19,6 +19,7 @@ from servo_models.analysis.statistics import (
     cross_correlation,
     dependence,
     memory,
+    rms,
     whiteness,
 )
 from servo_models.core.plant import Plant, Wire
@@ -135,10 +136,7 @@ def reading(log: Log, wire: Wire, simulated: Mapping[str, Array]) -> Reading:
 def most_missed(every: Sequence[Reading], sigma: Mapping[str, float]) -> list[Reading]:
     """Return at most ``SHOWN`` readings with the largest RMS errors over ``sigma`` [SI] by
     output, the largest first."""
-    missed = [
-        float(np.sqrt(np.mean(r.error**2))) / (display(r.wire)[0] * sigma[r.wire.name])
-        for r in every
-    ]
+    missed = [rms(r.error) / (display(r.wire)[0] * sigma[r.wire.name]) for r in every]
     return [every[i] for i in np.argsort(missed, kind="stable")[::-1][:SHOWN]]
 
 

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servo_models.analysis.experiment import display, in_time
+from servo_models.analysis.statistics import rms
 from servo_models.core.plant import Plant
 from servo_models.core.simulate import Model
 from servo_models.core.types import Array
@@ -78,14 +79,8 @@ def blurs(
     values: Mapping[str, float],
     workers: Workers = ALONE,
 ) -> tuple[Blur, ...]:
-    """Return what the resolution of each input's column does to outputs, the largest first.
-
-    Args:
-        model: simulated with these ``values`` [SI].
-        logs: measured runs.
-        floors: noise floor [SI] of each output.
-        values: of parameters.
-        workers: on which copies are simulated.
+    """Return what the resolution of each input's column does to outputs, the largest first;
+    ``values`` of parameters and noise ``floors`` are in SI.
 
     Columns with copies that cannot be simulated are left out.
     """
@@ -130,8 +125,7 @@ def _copies(log: Log, random: np.random.Generator) -> Iterator[tuple[str, str, f
             continue
         if step := _column_step(values):
             yield name, STEP, step, [_finer(log, name, step, random) for _ in range(COPIES)]
-        interval = float(np.median(np.diff(log.times)))
-        yield name, ROW, interval, [_earlier(log, name, changes, random) for _ in range(COPIES)]
+        yield name, ROW, log.interval, [_earlier(log, name, changes, random) for _ in range(COPIES)]
 
 
 def _column_step(column: Array) -> float:
@@ -163,16 +157,9 @@ def _earlier(log: Log, name: str, changes: NDArray[np.int64], random: np.random.
 
 def _at(times: Array, log: Log, inputs: Mapping[str, Array]) -> Log:
     """The log at its own times and others between, which no fit sees."""
-    held = np.searchsorted(log.times, times, "right") - 1
-    return replace(
-        log,
-        times=times,
-        inputs=inputs,
-        outputs={name: values[held] for name, values in log.outputs.items()},
-        rows=log.rows[held],
-        held_out=log.held_out[held] | ~np.isin(times, log.times),
-        skipped=None if log.skipped is None else log.skipped[held],
-    )
+    held = log.at(np.searchsorted(log.times, times, "right") - 1)
+    unseen = held.held_out | ~np.isin(times, log.times)
+    return replace(held, times=times, inputs=inputs, held_out=unseen)
 
 
 # Outputs that were read at another time than the first one
@@ -186,19 +173,13 @@ def shifted_outputs(
     runs: Iterable[Run], values: Mapping[str, float], floors: Mapping[str, float]
 ) -> Iterator[str]:
     """Yield which outputs of a log are those of the row before or after, while the first output is
-    that of its own, one sentence each with its cure.
-
-    Args:
-        runs: logs with their model.
-        values: of parameters [SI], by name.
-        floors: noise floor [SI] of each output.
-    """
+    that of its own, one sentence each with its cure; ``values`` and ``floors`` are in SI."""
     for run in runs:
         log, simulated = run.log, run.outputs_or_nan(values).T
-        step = float(np.median(np.diff(log.times))) if len(log.times) > LEAST_ROWS else 0.0
+        step = log.interval if len(log.times) > LEAST_ROWS else 0.0
         rows = [_best_row(*pair) for pair in zip(log.outputs.values(), simulated)]
         for (name, measured), response, row in zip(log.outputs.items(), simulated, rows):
-            left = float(np.sqrt(np.mean((measured - response) ** 2)))
+            left = rms(measured - response)
             if not step or rows[0] or not row or left < SEEN_FLOORS * floors[name]:
                 continue
             where, shift = ("before", -step) if row < 0 else ("after", step)
@@ -232,12 +213,8 @@ def with_unsure_inputs(
 ) -> tuple[Log, ...]:
     """Return logs that know what lost rows and steps of their inputs' columns may have done.
 
-    Args:
-        model: simulated with these ``values`` [SI].
-        logs: those of which all is known stay as they are.
-        values: of parameters.
-        floors: noise floor [SI] of each output.
-        between_rows: whether commands may have changed any time before the row that has them.
+    Where ``between_rows``, commands may have changed any time before the row that has them.
+    ``values`` of parameters and noise ``floors`` are in SI.
     """
     return tuple(_with_unsure_inputs(model, log, values, floors, between_rows) for log in logs)
 

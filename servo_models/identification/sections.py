@@ -85,30 +85,16 @@ def _identification_page(fit: Identification, date: str = "") -> Report:
     return with_figures(report_of(fit, date), fit.fitted)
 
 
-@report_of.register(Outcome)
-def _identified(outcome: Outcome, date: str = "") -> Report:
-    return report_of(outcome.result, date)
-
-
-@page_of.register(Outcome)
-def _identified_page(outcome: Outcome, date: str = "") -> Report:
-    return page_of(outcome.result, date)
-
-
 def identification_report(fit: Identification, floors: Mapping[str, float] | None = None) -> Report:
-    """Return a fit as people read it.
-
-    Args:
-        fit: from ``identification.fit.fit``.
-        floors: noise floors [SI] of outputs, by name.
-    """
+    """Return a fit as people read it; ``floors`` are the noise floors of outputs [SI]."""
     model = fit.fitted
     drawn = most_missed(_readings(fit), fit.sigma)
     pictures = tuple(reading.picture() for reading in drawn)
+    grown = not all(_better(fit, output) for output in fit.sigma)
     return Report(
         f"Identification of {model.actuator.name}, variant {model.variant}",
         _sentence(fit),
-        _judgement(fit),
+        False if grown else None if fit.warnings else True,
         (
             _parameter_card(fit),
             *(_error_card(fit, output, (floors or {}).get(output)) for output in fit.sigma),
@@ -189,13 +175,6 @@ def _surprises(fit: Identification) -> list[str]:
     ]
 
 
-def _judgement(fit: Identification) -> bool | None:
-    """False if the judged error of any output grew, True if none did without a warning."""
-    if not all(_better(fit, output) for output in fit.sigma):
-        return False
-    return None if fit.warnings else True
-
-
 def _better(fit: Identification, output: str) -> bool:
     part = judged_part(fit, output)
     return fit.rms(output, part) <= fit.rms(output, part, "before")
@@ -211,7 +190,9 @@ def _change(fit: Identification, output: str) -> str:
 
 def _parameter_card(fit: Identification) -> Card:
     estimates = list(_estimates(fit))
-    doubtful, shared = sum(bool(reason) for _, _, reason in estimates), _only_together(fit)
+    doubtful = sum(bool(reason) for _, _, reason in estimates)
+    alike = correlated(fit.free, fit.correlations)
+    shared = {fit.free[i].name for pair in alike for i in pair}.union(*fit.groups)
     lines = [f"{doubtful} of {len(estimates)} doubtful" if doubtful else "all determined"]
     if shared and not doubtful:
         lines = [f"{len(shared)} of {len(estimates)} determined only together"]
@@ -223,12 +204,6 @@ def _parameter_card(fit: Identification) -> Card:
         lines.append(f"and {len(estimates) - IN_CARD} more")
     is_well = not (doubtful or shared)
     return Card("parameters", "\n".join(lines), True if is_well else None, PARAMETERS)
-
-
-def _only_together(fit: Identification) -> set[str]:
-    """Names of parameters that these logs cannot tell apart from another one."""
-    pairs = correlated(fit.free, fit.correlations)
-    return {fit.free[i].name for pair in pairs for i in pair}.union(*fit.groups)
 
 
 def _estimates(fit: Identification) -> Iterator[tuple[Free, Quantity, str]]:
@@ -553,9 +528,12 @@ def _check(check: Check, date: str = "") -> Report:
     """Return what logs are worth and what they determine."""
     told, warnings = check.description, check.warnings
     first, *others = map(partial(_log_section, check.plant), check.audits)
+    title = "Effects, each at its typical size, beside a model that is right"
+    effects = Table(title, ("", ""), tuple(_effects(check)))
+    doubtful = f"{plural(len(warnings), 'warning')}: read before fitting"
     return Report(
         f"{told.path}: {told.actuator.name}, variant {told.variant}",
-        _usable(check),
+        doubtful if warnings else "The logs are usable",
         None if warnings else True,
         _check_cards(check),
         tuple(f"Warning: {text}." for text in warnings),
@@ -565,17 +543,10 @@ def _check(check: Check, date: str = "") -> Report:
             *(replace(section, folded=True) for section in others),
             Section("What the columns may hide", tables=(_blur_table(check),), folded=True),
             Section("Parameters", tables=(_reach_table(check),), folded=True),
-            Section("Effects", tables=(_effect_table(check),), folded=True),
+            Section("Effects", tables=(effects,), folded=True),
         ),
         date,
     )
-
-
-def _usable(check: Check) -> str:
-    count = len(check.warnings)
-    if not count:
-        return "The logs are usable"
-    return f"{plural(count, 'warning')}: read before fitting"
 
 
 def _check_cards(check: Check) -> tuple[Card, ...]:
@@ -711,15 +682,11 @@ def _size_of(check: Check, name: str, size: float, digits: int = 2) -> Quantity:
     return shown_value(parameter, size, digits=digits)
 
 
-def _effect_table(check: Check) -> Table:
+def _effects(check: Check) -> Iterator[tuple[str, str]]:
     """What the logs show, hide, and confuse, in words."""
     effects = check.identifiability.effects
-    title = "Effects, each at its typical size, beside a model that is right"
-    return Table(title, ("", ""), tuple(_effects(check)) if effects else ())
-
-
-def _effects(check: Check) -> Iterator[tuple[str, str]]:
-    effects = check.identifiability.effects
+    if not effects:
+        return
     still = [r.name for r in effects if r.moves < NOTHING]
     hidden = [r for r in effects if r.moves >= NOTHING and not r.shown and not r.absorbed]
     yield "can be shown", _names(r.name for r in effects if r.shown)
@@ -770,6 +737,8 @@ def _alike(group: Group, plant: Plant) -> str:
     return f"{_names(group.names)}: {'; or '.join(cures or ['keep one of them'])}"
 
 
+report_of.register(Outcome, lambda outcome, date="": report_of(outcome.result, date))
+page_of.register(Outcome, lambda outcome, date="": page_of(outcome.result, date))
 document_of.register(Identification, document.identification_document)
 document_of.register(Outcome, document.outcome_document)
 document_of.register(Check, document.check_document)

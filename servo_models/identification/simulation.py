@@ -39,8 +39,7 @@ FIRST_SAMPLES = 3  # samples at the beginning of a log
 OFF_AT_FIRST = 0.02  # start error over the range that may reject the assumed start
 OFF_LATER = 5.0  # start error over that of the second half that rejects it
 MAYBE_AT_FIRST = 0.01  # start error over the range from which other starts are tried
-MAYBE_LATER = 2.0
-"""Start error over that of the second half from which a settled log has them tried."""
+MAYBE_LATER = 2.0  # start error over that of the second half: a settled log has its starts tried
 START_STEPS = 6  # Gauss-Newton steps of the fit of a start
 START_PARTS = (1.0, 0.25, 0.05)  # parts of such a step, the largest that leaves less is taken
 START_DIFFERENCE = 1e-4  # step of its difference quotients, in full scales
@@ -364,16 +363,21 @@ class Beginning:
         return np.array([wires[it].scale for it in (*self.start.shaft, *self.start.before)])
 
 
-def false_starts(runs: Iterable[Run], values: Mapping[str, float]) -> list[str]:
-    """Return in words which logs begin in another state than the model, each with its cure.
+def false_starts(runs: Iterable[Run], values: Mapping[str, float]) -> Iterator[str]:
+    """Yield in words which logs begin in another state than the model, each with its cure.
 
     A wrong position shows at once and is forgotten; what else a model lacks shows when it moves.
-
-    Args:
-        runs: logs with their model.
-        values: parameters [SI] of the model, by name.
+    ``values`` are parameters [SI] of the model.
     """
-    return [text for run in runs for text in _of(run, values)]
+    for run in runs:
+        for name, first, later in _at_first(run, values):
+            if first > max(OFF_AT_FIRST, OFF_LATER * later):
+                yield (
+                    f"log '{run.log.name}' begins in another state than the model,"
+                    f" {_state(run.log)}: '{name}' is off by {first:.2g} of its range at first, by"
+                    f" {later:.1g} in its second half; say how it begins ('start'), or begin the"
+                    " log at rest ('window')"
+                )
 
 
 def begins_elsewhere(run: Run, values: Mapping[str, float]) -> bool:
@@ -383,17 +387,6 @@ def begins_elsewhere(run: Run, values: Mapping[str, float]) -> bool:
     return any(
         first > max(MAYBE_AT_FIRST, factor * later) for _, first, later in _at_first(run, values)
     )
-
-
-def _of(run: Run, values: Mapping[str, float]) -> Iterator[str]:
-    for name, first, later in _at_first(run, values):
-        if first <= max(OFF_AT_FIRST, OFF_LATER * later):
-            continue
-        yield (
-            f"log '{run.log.name}' begins in another state than the model, {_state(run.log)}:"
-            f" '{name}' is off by {first:.2g} of its range at first, by {later:.1g} in its second"
-            " half; say how it begins ('start'), or begin the log at rest ('window')"
-        )
 
 
 def _at_first(run: Run, values: Mapping[str, float]) -> Iterator[tuple[str, float, float]]:
@@ -466,21 +459,11 @@ class InternalSteps:
             fine = run.outputs(values)
         except UserError:
             return usual
-        for step in _longer(run.log.times, usual):
-            if _hidden((run.outputs_or_nan({**values, STEP: step}) - fine) / noise):
+        intervals = np.diff(run.log.times)
+        step = float(np.quantile(intervals, MOST_ROWS)) if len(intervals) else 0.0
+        while step > usual:  # the interval of the log, its half and so on
+            errors = (run.outputs_or_nan({**values, STEP: step}) - fine) / noise
+            if np.sum(errors**2) <= min(VISIBLE, SHARE**2 * errors.size):  # never of NaN
                 return step
+            step *= 0.5
         return usual
-
-
-def _longer(times: Array, usual: float) -> Iterator[float]:
-    """Yield the interval of a log, its half and so on, as long as they are longer than a step."""
-    step = float(np.quantile(np.diff(times), MOST_ROWS)) if len(times) > 1 else 0.0
-    while step > usual:
-        yield step
-        step *= 0.5
-
-
-def _hidden(errors: Array) -> bool:
-    """Whether noise hides errors [noise floors], shape (n, outputs); NaN are seen."""
-    total = float(np.sum(errors**2))
-    return total <= min(VISIBLE, SHARE**2 * errors.size)

@@ -47,10 +47,7 @@ def with_starts(model: Model, logs: Sequence[Log]) -> tuple[Log, ...]:
     """Return logs that say how they begin, found from their first samples where nobody has said it.
 
     What is found otherwise than at rest or settled at the first row stands in their ``notes``.
-
-    Args:
-        model: nominal values.
-        logs: measured runs.
+    ``model`` has nominal values.
     """
     return tuple(_with_start(model, log) for log in logs)
 
@@ -69,17 +66,13 @@ def _with_start(model: Model, log: Log) -> Log:
             return log
     else:
         return log
-    taken = _simplest(model, ways)
-    return (
-        taken if taken is log else replace(taken, notes=(*log.notes, _words(model, taken, asked)))
-    )
-
-
-def _simplest(model: Model, ways: Sequence[Log]) -> Log:
-    """The first way, from simple to fitted, that is hardly worse than the best one."""
+    # the first way, from simple to fitted, that is hardly worse than the best one
     squares = [_squares(model, way) for way in ways]
     most = SIMPLER_SQUARES * min(squares)
-    return next(way for way, it in zip(ways, squares) if it <= most)
+    taken = next(way for way, it in zip(ways, squares) if it <= most)
+    if taken is log:
+        return log
+    return replace(taken, notes=(*log.notes, _words(model, taken, asked)))
 
 
 def _squares(model: Model, log: Log) -> float:
@@ -91,7 +84,8 @@ def _squares(model: Model, log: Log) -> float:
     except UserError:
         return np.inf
     measured = np.column_stack(list(log.outputs.values()))
-    reach = np.where(np.ptp(measured, axis=0) > 0.0, np.ptp(measured, axis=0), 1.0)
+    reach = np.ptp(measured, axis=0)
+    reach[reach == 0.0] = 1.0
     return float(np.sum(((simulated - measured[early]) / reach) ** 2))
 
 
@@ -113,7 +107,7 @@ def _begins_otherwise(model: Model, log: Log) -> bool:
     name = _seen(model, log)
     if not name:
         return False
-    rate, error = _first_rate(model, log, name, _noise(model, log, name))
+    rate, error = _first_rate(model, log, name)
     far = abs(rate) * model.stop_time > MOVED * np.ptp(log.outputs[name])
     return bool(far and abs(rate) > SURE_SIGMAS * error)
 
@@ -133,14 +127,10 @@ def _turns_on(run: Run) -> bool:
     return bool(moves and least < (end - middle) / steady < most)
 
 
-def _noise(model: Model, log: Log, output: str) -> float:
-    """Noise floor [SI] of an output of the log."""
-    (audit,) = audits([log], model.plant)
-    return next(it.floor.value for it in audit.readings if it.name == output)
-
-
-def _first_rate(model: Model, log: Log, output: str, noise: float) -> tuple[float, float]:
+def _first_rate(model: Model, log: Log, output: str) -> tuple[float, float]:
     """Slope [SI/s] of a reading as a log begins, and its standard error."""
+    (audit,) = audits([log], model.plant)
+    noise = next(it.floor.value for it in audit.readings if it.name == output)
     count = int(np.searchsorted(log.times, SLOPE_SPAN * model.stop_time))
     while True:
         count = min(max(count, SLOPE_SAMPLES), len(log.times))
@@ -177,7 +167,7 @@ def _fitted(model: Model, log: Log) -> Iterator[Log]:
     motion = {shaft.angle: 0.0, shaft.rate: 0.0, **dict.fromkeys(shaft.carried, 0.0)}
     if seen:
         motion[shaft.angle] = float(log.outputs[seen][0])
-        motion[shaft.rate] = _first_rate(model, log, seen, _noise(model, log, seen))[0]
+        motion[shaft.rate], _ = _first_rate(model, log, seen)
     yield replace(log, settle=hold, start=Start(shaft=motion, fitted=True))
 
 
@@ -215,10 +205,6 @@ def _settled(run: Run, shaft: Shaft, command: str, value: float) -> float | None
 
 def false_statements(model: Model, logs: Sequence[Log]) -> dict[str, tuple[str, Log]]:
     """Return what is wrong with stated starts, by the name of the log.
-
-    Args:
-        model: nominal values.
-        logs: measured runs, as their description has them.
 
     Returns:
         a sentence with its cure, and the log as its first samples show that it begins.
@@ -263,15 +249,14 @@ def _is_another(model: Model, first: Array, shown: Log, likely: Array) -> bool:
     """Whether the shaft is elsewhere, or turns otherwise, in a first row than readings show."""
     shaft, outputs = model.shaft, model.plant.outputs
     seen = shown.start.shaft if shown.start else {}
-    angle = shaft.angle if shaft else outputs[0]
-    angles = likely[:, outputs.index(angle)]
-    off = abs(first[outputs.index(angle)] - seen.get(angle, angles[0]))
-    is_near = bool(off <= OTHER_ANGLE * float(np.ptp(angles)))  # never of NaN
-    if shaft is None or not is_near:
-        return not is_near
-    rates = likely[:, outputs.index(shaft.rate)]
-    off = abs(first[outputs.index(shaft.rate)] - seen.get(shaft.rate, rates[0]))
-    return not off <= OTHER_RATE * float(np.abs(rates).max())
+    checks = [(shaft.angle if shaft else outputs[0], OTHER_ANGLE * np.ptp(likely, axis=0))]
+    checks += [(shaft.rate, OTHER_RATE * np.abs(likely).max(axis=0))] if shaft else []
+    for name, least in checks:
+        column = outputs.index(name)
+        off = abs(first[column] - seen.get(name, likely[0, column]))
+        if not off <= least[column]:  # NaN is another as well
+            return True
+    return False
 
 
 def _sentence(model: Model, log: Log, shown: Log) -> str:
@@ -316,9 +301,9 @@ def _plainly(log: Log) -> str:
 
 
 def _listed(values: Mapping[str, float], wires: Mapping[str, Wire]) -> str:
-    return " and ".join(_read(value, wires[name]) for name, value in values.items())
-
-
-def _read(value: float, wire: Wire) -> str:
-    """A value [SI] of a signal, in the unit that a person reads."""
-    return f"{wire.name} {shown(wire, value if abs(value) > NOTHING * wire.scale else 0.0, 3)}"
+    """Values [SI] of signals, in units that a person reads."""
+    told = []
+    for name, value in values.items():
+        size = value if abs(value) > NOTHING * wires[name].scale else 0.0
+        told.append(f"{name} {shown(wires[name], size, 3)}")
+    return " and ".join(told)

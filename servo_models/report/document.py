@@ -15,16 +15,14 @@ if TYPE_CHECKING:
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
-Figure = float | None
-"""None is a figure that does not exist."""
+Figure = float | None  # None is a figure that does not exist
 if TYPE_CHECKING:
     Unbounded = float  # it may be infinite or NaN,
 else:
     Unbounded = float | None  # for which JSON has null
 Magnitude = Annotated[float, Meta(ge=0)]
 Share = Annotated[float, Meta(ge=0, le=1)]
-Digest = Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
-"""SHA-256."""
+Digest = Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]  # SHA-256
 
 
 class Document(Struct, frozen=True, forbid_unknown_fields=True):

@@ -86,8 +86,7 @@ class _End:
         return self.item.x + self.offset
 
 
-_Channel = dict[int, list[_End]]
-"""Wires between two layers: their ends there, by the number of the wire."""
+_Channel = dict[int, list[_End]]  # wires between two layers: their ends, by wire
 
 
 def arrange(sizes: Sequence[Point], nets: Sequence[Net]) -> tuple[list[Point], list[Route], Point]:

@@ -55,13 +55,8 @@ def colour(name: str) -> str:
 def drawing(
     rows: int = 1, height: float = 2.7, shared: bool = True
 ) -> Iterator[tuple[Figure, list[Axes]]]:
-    """Give a styled figure with ``rows`` axes.
-
-    Args:
-        rows: axes, one above the other.
-        height: of the figure [inch].
-        shared: they have one time or frequency axis.
-    """
+    """Give a styled figure with ``rows`` axes, one above the other, of a ``height`` [inch]; they
+    may have one time or frequency axis (``shared``)."""
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
@@ -99,13 +94,8 @@ def label(
     shift: tuple[float, float] = (0.0, 0.0),
     align: str = "left",
 ) -> None:
-    """Write ``text`` at a point in a curve's colour; the page draws a halo around it.
-
-    Args:
-        at: point in data coordinates.
-        shift: from there to the right and up [points].
-        align: which end of the text is at the point.
-    """
+    """Write ``text`` at a point in data coordinates and a ``shift`` [points], in a curve's colour;
+    the page draws a halo around it."""
     axes.annotate(
         text,
         at,

@@ -10,8 +10,7 @@ import importlib
 import pkgutil
 from types import ModuleType
 
-from servo_models.core.plant import unknown
-from servo_models.errors import UserError
+from servo_models.core.plant import check_known
 from servo_models.simulators.simulator import Reader, Simulator
 
 __all__ = ["readers", "simulator", "simulators"]
@@ -33,8 +32,7 @@ def simulator(name: str) -> Simulator:
     Raises:
         UserError: nobody knows that name.
     """
-    if name not in simulators():
-        raise UserError(unknown("simulator", name, simulators()))
+    check_known("simulator", [name], simulators())
     return simulators()[name]
 
 

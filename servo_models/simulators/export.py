@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from servo_models.analysis.statistics import rms
 from servo_models.core.simulate import Model
 from servo_models.core.types import Array
 from servo_models.data.description import Description, read_description
@@ -155,18 +156,16 @@ def _stated(model: Model, logs: Sequence[Log]) -> dict[str, float]:
 
 
 def _errors(runs: Sequence[Run], angles: Sequence[Array]) -> list[Errors]:
-    def rms(response: Array | None, other: Array | None, run: Run) -> float | None:
+    def left(response: Array | None, other: Array | None, run: Run) -> float | None:
         if response is None or other is None:
             return None
-        return float(np.sqrt(np.mean((response - other)[run.counted] ** 2)))
+        return rms((response - other)[run.counted])
 
     return [
         Errors(
             run.name,
-            float(np.sqrt(np.mean((angle - run.angle)[run.counted] ** 2))),
-            rms(run.nominal, run.measured, run),
-            None if run.measured is None else rms(run.angle, run.measured, run),
-            rms(angle, run.measured, run),
+            rms((angle - run.angle)[run.counted]),
+            *(left(it, run.measured, run) for it in (run.nominal, run.angle, angle)),
         )
         for run, angle in zip(runs, angles)
     ]

@@ -19,8 +19,7 @@ LARGEST_ERROR_RAD = math.pi  # error whose speed is the limit of a servo that ha
 FAST = 1000.0  # rad/s, natural frequency of a servo that follows at once
 LARGEST = 1e30  # largest number read from a file; a larger one, infinity or NaN is refused
 
-Values = dict[str, tuple[float, str]]
-"""Values [SI] of our parameters by name, each with where it comes from."""
+Values = dict[str, tuple[float, str]]  # values [SI], each with where it comes from
 
 
 def parsed(content: bytes) -> ET.Element:

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy.optimize import least_squares
 
+from servo_models.analysis.statistics import rms
 from servo_models.core.types import Array
 from servo_models.errors import UserError
 from servo_models.simulators.servo import Run
@@ -19,8 +20,7 @@ DELAYS_S = (0.0, 0.01, 0.03, 0.1)  # delays from which searches start
 BEST_STARTS = 3  # starts that are searched from, for each set of fields
 MOST_EVALUATIONS = 60  # gradients in a search at most
 DIFFERENCE = 1e-3  # relative step of a difference quotient
-EARNED = 0.05
-"""Fraction of the cost by which a field has to lower it, or it is left out."""
+EARNED = 0.05  # part of the cost by which a field has to lower it, or it is left out
 MOST_STEPS = 5e6  # time steps of all logs at most, minutes of work
 LARGEST_ERROR = 1e6  # rad, error of a law that diverges
 
@@ -60,7 +60,7 @@ class Fit:
 
     def cost(self, values: Mapping[str, float]) -> float:
         """Return the RMS error [rad]."""
-        return float(np.sqrt(np.mean(self.errors(values) ** 2)))
+        return rms(self.errors(values))
 
     def searched(self, begin: Mapping[str, float], fixed: Sequence[str] = ()) -> dict[str, float]:
         """Return the least-squares values of a search; a field that begins at 0 stays off."""

@@ -11,10 +11,8 @@ import numba
 
 from servo_models.core.types import Array
 
-EXACT, APPROXIMATE, LOST = "exact", "approximate", "lost"
-"""Levels of how well a law represents an effect."""
-DELAY = "delay"
-"""Field that counts time steps."""
+EXACT, APPROXIMATE, LOST = "exact", "approximate", "lost"  # levels of how a law has an effect
+DELAY = "delay"  # field that counts time steps
 
 
 class Held(NamedTuple):

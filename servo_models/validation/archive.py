@@ -20,19 +20,15 @@ MOST_FILES = 10_000  # files in an archive at most
 LARGEST_DESCRIPTION = 4_000_000  # bytes of XML; one with 200 variables has 60 000
 DEEPEST = 20  # nested elements in a description at most; FMI 2.0 needs 5
 MOST_ELEMENTS = 100_000  # elements in a description at most
-LONGEST_NAME = 1000
-"""Characters of a variable's name at most; the time to judge it grows with their square."""
+LONGEST_NAME = 1000  # characters of a variable's name: the time to judge it grows with their square
 PIECE = 1 << 20  # bytes that are unpacked at a time
 COMPRESSION = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # FMI 2.0.4, section 2.3
 
 
 @contextlib.contextmanager
 def unpacked(path: Path, megabytes: float) -> Iterator[Path]:
-    """A temporary folder with the files of an FMU; it goes at the end.
-
-    Args:
-        path: of the FMU.
-        megabytes: largest size of its files together.
+    """A temporary folder with the files of an FMU, ``megabytes`` together at most; it goes at the
+    end.
 
     Raises:
         UserError: no zip, a name that leads elsewhere, too much, or a description that has

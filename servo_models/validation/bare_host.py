@@ -39,8 +39,7 @@ PLATFORMS = {
 }
 """Folder of FMI 2.0 and suffix of an FMU's library, by ``sys.platform``."""
 SYSTEMS = {"win32": "windows", "linux": "linux", "darwin": "darwin"}
-PROCESSORS = {"amd64": "x86_64", "arm64": "aarch64"}
-"""Names of processors in the folders of FMI 3.0."""
+PROCESSORS = {"amd64": "x86_64", "arm64": "aarch64"}  # names in the folders of FMI 3.0
 NUMBERS: dict[str, Callable[[Any], Any]] = {
     "Real": float,
     "Float64": float,

@@ -172,13 +172,10 @@ class OpenFmu(ABC):
 
 
 class Subject(OpenFmu):
-    """An FMU of ours, and the model that it says it is.
+    """An FMU of ours, and the model that it says it is, with the start values as parameters.
 
     The model description names the actuator and holds every parameter's start value; the
     variant is the one that differs from these in the fewest parameters.
-
-    Attributes:
-        model: with the start values as parameters.
     """
 
     def __init__(

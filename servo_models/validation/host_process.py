@@ -42,8 +42,7 @@ LIMITS = Limits()  # ours take a tenth of each
 LARGEST_ANSWER = 1 << 28  # characters of an answer at most; a row of ten outputs has 200
 PASSED_ON = ("PATH", "LANG", "LC_ALL", "LD_LIBRARY_PATH", "DYLD_LIBRARY_PATH", "SYSTEMROOT")
 """Environment variables that the process gets."""
-TEMPORARY = ("HOME", "TMPDIR", "TEMP", "TMP")
-"""Environment variables that name folders to write to: here the process's working folder."""
+TEMPORARY = ("HOME", "TMPDIR", "TEMP", "TMP")  # variables that name its working folder
 GRACE = 5.0  # seconds in which a process has to end after it closed its pipe
 
 

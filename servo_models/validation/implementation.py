@@ -17,8 +17,7 @@ from servo_models.validation.archive import DESCRIPTION
 from servo_models.validation.fmu_subject import Subject
 from servo_models.validation.rows import IMPLEMENTATION, Row, failure, judged
 
-Element = tuple[str, dict[str, str]]
-"""Tag and attributes of an element of a description."""
+Element = tuple[str, dict[str, str]]  # tag and attributes of an element of a description
 
 LIMIT = 1e-12  # largest difference of an output over its full scale; the aim is 0, bit for bit
 STEPS = (0.7e-3, 1e-3, 3.3e-3, 20e-3)

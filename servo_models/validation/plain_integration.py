@@ -28,8 +28,7 @@ from servo_models.core.plant import Placement, Plant
 from servo_models.core.types import Array
 from servo_models.errors import UserError
 
-Key = Any
-"""Key of a value: the name of a wire, or (number of the link, name in its block)."""
+Key = Any  # key of a value: the name of a wire, or (number of the link, name in its block)
 
 DUE = 1e-6  # internal steps before its time from which a clock ticks; see the contract of a step
 RELATIVE = 1e-10  # relative tolerance of ``solve_ivp``
@@ -61,12 +60,7 @@ class _Link:
 
 
 class PlainPlant:
-    """A plant at fixed parameters, with its memories.
-
-    Args:
-        plant: its declaration.
-        values: every parameter by name, SI.
-    """
+    """A plant at fixed parameters, ``values`` [SI], with its memories."""
 
     def __init__(self, plant: Plant, values: Mapping[str, float]) -> None:
         self.plant = plant

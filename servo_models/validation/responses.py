@@ -24,15 +24,13 @@ from servo_models.validation.implementation import input_signals
 from servo_models.validation.plain_integration import Course, integrate
 from servo_models.validation.rows import MODEL, CostCurve, CostPoint, Row, failure, judged
 
-Run = Callable[[Model, Array, Array], Array]
-"""``run(model, times, inputs)`` gives the outputs, as ``Model.run`` does."""
+Run = Callable[[Model, Array, Array], Array]  # model, times, inputs -> outputs
 
 TIME_MARGIN = 10.0
 """Mean slope of the rise over the slope at the flattest place where a time is read: the error of
 a time is that of the curve over its slope."""
 
-FACTORS = (0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
-"""Internal steps that are tried, over the default one, as far as the bounds allow."""
+FACTORS = (0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0)  # internal steps tried, over the default
 REPEATS = 5  # runs that are timed
 LONGER = 10  # length of a timed run, in cases
 
@@ -44,22 +42,13 @@ FLOOR = 1e-4  # least tolerance over the range of an output, as for the referenc
 SAFETY = 2.0
 """Tolerance over the change of the plain integration from one step in an internal step to
 ``FINER``: a model that locates its jumps, or does not, differs by no more than that change."""
-LOOSE = 0.05
-"""Change of the plain integration, over the range, beyond which nothing is compared."""
-JUMP = 0.5
-"""Fraction of the change in two internal steps that one plain step makes where an output jumps."""
+LOOSE = 0.05  # change of the plain integration, over the range, beyond which nothing is compared
+JUMP = 0.5  # part of the change in two internal steps that one plain step makes at a jump
 TOGETHER = 0.5  # size of all effects at once over their typical ones
 
 
 def response_rows(case: Case, model: Model, run: Run, subject: str = "") -> list[Row]:
-    """Run a case and judge it.
-
-    Args:
-        case: see ``cases``.
-        model: with the parameters of the case.
-        run: how; the model in this process or an FMU.
-        subject: name of the FMU that is run, "" in this process.
-    """
+    """Run a case and judge it; ``subject`` names the FMU that is run, "" in this process."""
     columns = input_columns(case, model)
     out = run(model, case.times, columns)
     got = {name: out[:, k] for k, name in enumerate(model.plant.outputs)}
@@ -207,13 +196,8 @@ def _size(switch: Parameter, share: float) -> float:
 
 
 def plain_row(subject: Subject, chosen: Model, name: str) -> Row:
-    """Compare the simulation and the FMU with the plain integration.
-
-    Args:
-        subject: the FMU.
-        chosen: its model, with the effects to look at.
-        name: of the case.
-    """
+    """Compare the simulation and the FMU with the plain integration of ``chosen``, its model, with
+    the effects to look at."""
     where = (chosen.actuator.name, chosen.variant, f"blocks as plain functions: {name}")
     times = chosen.values["internal_step"] * np.cumsum((0.0, *STEPS))
     inputs = input_signals(chosen, times, held=HELD)
@@ -276,12 +260,8 @@ def _tube(fine: Course, step: float) -> tuple[Array, Array]:
 
 
 def named_cases(chosen: Model, in_turn: bool) -> Mapping[str, Model]:
-    """Return the models to look at, by name: as it is, then with effects.
-
-    Args:
-        chosen: the model.
-        in_turn: whether every effect is switched on in turn, or all of them at once only.
-    """
+    """Return the models to look at, by name: as it is, with every effect in turn where that is
+    asked for, and with all of them at once."""
     off = effects_off(chosen)
     models = {"as it is": chosen}
     if in_turn:

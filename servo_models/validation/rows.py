@@ -15,8 +15,7 @@ PAPER = "paper"
 """Claim: the model gives the figures printed in its paper, or else those recomputed from the
 paper's own numbers.  What these numbers do not give is named, with the reason."""
 
-REFERENCE = "reference"
-"""Claim: the outputs of an FMU equal a reference that came with the question."""
+REFERENCE = "reference"  # claim: the outputs of an FMU equal a reference that came with it
 FILES = "files"  # claim: the files of an FMU are as FMI has them; nothing was run
 
 OWN_CLAIMS = (IMPLEMENTATION, MODEL, PAPER)  # claims about our own models
@@ -126,13 +125,12 @@ def not_reproducible(
 
 def tightest(rows: Iterable[Row]) -> Row:
     """Return the worst row: one that failed, else the one nearest to its limit."""
-    return max(rows, key=_tightness)
 
+    def tightness(row: Row) -> tuple[bool, float]:
+        used = row.value / row.limit if row.value is not None and row.limit else 0.0
+        return row.passed is False, used
 
-def _tightness(row: Row) -> tuple[bool, float]:
-    if row.value is None or not row.limit:
-        return row.passed is False, 0.0
-    return row.passed is False, row.value / row.limit
+    return max(rows, key=tightness)
 
 
 class CostPoint(Document, frozen=True):

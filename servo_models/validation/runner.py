@@ -32,8 +32,7 @@ from servo_models.validation.implementation import implementation_rows
 from servo_models.validation.responses import cost_curve, named_cases, plain_row, response_rows
 from servo_models.validation.rows import MODEL, CostCurve, Row, Validation, failure
 
-Progress = Callable[[int, int, str], None]
-"""Called with the number of jobs done, the number of all, and the name of the next one."""
+Progress = Callable[[int, int, str], None]  # jobs done, of how many, the next
 Job = tuple[str, Callable[[], list[Row] | CostCurve | ReferenceCheck]]
 """Name and function of an examination; no rows after the FMU stopped: its first row says why."""
 
@@ -82,10 +81,12 @@ def validate(
         opened: list[Subject] = []
         compared: list[Path] = []
         for k, subject in enumerate(chosen):
-            path = _built(subject, folder / str(k))
-            ours = _ours(
-                path, subject.actuator if isinstance(subject, Model) else own, limits, against
-            )
+            if isinstance(subject, Model):
+                maker: Actuator | None = subject.actuator
+                path = build(subject, folder / str(k) / f"{subject.actuator.name}.fmu")
+            else:
+                maker, path = own, Path(subject)
+            ours = _ours(path, maker, limits, against)
             if ours:
                 opened.append(ours)
                 stack.callback(ours.close)
@@ -132,12 +133,6 @@ def every_model() -> list[Model]:
         if variant.name == actuator.default_variant
         or not actuator.plant_of(variant.name).has_equations_of(actuator.plant_of())
     ]
-
-
-def _built(subject: Model | str | Path, folder: Path) -> Path:
-    if isinstance(subject, Model):
-        return build(subject, folder / f"{subject.actuator.name}.fmu")
-    return Path(subject)
 
 
 def _ours(

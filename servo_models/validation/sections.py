@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar, NamedTuple
 
 from servo_models.analysis.live import with_panel
 from servo_models.report.document import Document, Figure, about, choice
 from servo_models.report.interchange import finite
-from servo_models.report.numbers import Quantity, number, percent, with_unit
+from servo_models.report.numbers import Quantity, number, percent, plural, with_unit
 from servo_models.report.result import Report, document_of, page_of, report_of
 from servo_models.report.sections import Card, Cell, Mark, Picture, Section, Table
 from servo_models.report.style import SERIES, colour
@@ -34,60 +34,63 @@ from servo_models.validation.rows import (
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-CARDS = {
-    IMPLEMENTATION: "FMU equals simulation",
-    MODEL: "Responses equal references",
-    PAPER: "Figures of the papers",
-    REFERENCE: "Outputs equal the reference",
-    FILES: "Files are as FMI has them",
-}
-HEADINGS = {
-    IMPLEMENTATION: "Implementation: the FMU equals the simulation",
-    MODEL: "Model: the response equals an independent reference",
-    PAPER: "Figures of the papers",
-    REFERENCE: "Reference: the outputs equal it",
-    FILES: "Files: as FMI has them",
-}
-LEADS = {
-    IMPLEMENTATION: (
+
+class Words(NamedTuple):
+    """A claim as a card, a column of counts, a heading, and what stands below that."""
+
+    card: str
+    counted: str
+    heading: str
+    lead: str
+
+
+WORDS = {
+    IMPLEMENTATION: Words(
+        "FMU equals simulation",
+        "FMU = simulation",
+        "Implementation: the FMU equals the simulation",
         "The FMU and the simulation in this process get the same inputs on the same"
-        " communication points. A value of 0 is equality to the last bit."
+        " communication points. A value of 0 is equality to the last bit.",
     ),
-    MODEL: (
+    MODEL: Words(
+        "Responses equal references",
+        "model = reference",
+        "Model: the response equals an independent reference",
         "The references are written from the published equations a second time, without"
         " the blocks of the model, and solved by other methods. Errors are shares of full scale,"
         ' the largest absolute reference value of each output. "Blocks as plain functions" is'
         " another kind: it calls the blocks of the model, without the text that is printed and"
         " compiled of them, at a tenth of the internal step; errors are shares of the range of"
         " each output, and the limit is 1e-4 and twice what the step changes in that"
-        " integration."
+        " integration.",
     ),
-    PAPER: (
+    PAPER: Words(
+        "Figures of the papers",
+        "figures of its paper",
+        "Figures of the papers",
         "Printed: the figure in the paper. Recomputed: the same from the paper's own numbers,"
         " without this model. Model: what the simulation gives. A figure that cannot be"
-        " reproduced is named with its reason; it does not fail the validation."
+        " reproduced is named with its reason; it does not fail the validation.",
     ),
-    REFERENCE: (
+    REFERENCE: Words(
+        "Outputs equal the reference",
+        "output = reference",
+        "Reference: the outputs equal it",
         "Distance from the tube's middle: how far the output stays from what the reference takes"
         " within the time tolerance, and the reference from the output. The other figures say"
         " what a difference looks like. The last of each output is what changes when the same"
-        " run has communication steps of half the size."
+        " run has communication steps of half the size.",
     ),
-    FILES: (
+    FILES: Words(
+        "Files are as FMI has them",
+        "files",
+        "Files: as FMI has them",
         "Numbers of faults. Nothing was loaded or run: what the code does, whether it starts, and"
-        " whether its outputs are right is not known."
+        " whether its outputs are right is not known.",
     ),
 }
 FAILED = "Outside their limits"
 COUNTS = "Figures that pass"
-BRIEF = {
-    IMPLEMENTATION: "FMU = simulation",
-    MODEL: "model = reference",
-    PAPER: "figures of its paper",
-    REFERENCE: "output = reference",
-    FILES: "files",
-}
-"""Headings of the claims in the counts."""
 PLACE = ("actuator", "variant", "case", "quantity")
 FIGURE = ("", *PLACE, "run", "value", "limit", "used", "note")
 PRINTED = ("", *PLACE, "printed", "recomputed", "model", "within", "note")
@@ -142,19 +145,14 @@ def _document(validation: Validation) -> ValidationDocument:
 
 @report_of.register(Validation)
 def report(validation: Validation, date: str = "", every: bool = False) -> Report:
-    """Return all figures; a terminal prints only the figure of each case nearest to its limit.
-
-    Args:
-        validation: the result.
-        date: shown beside the title.
-        every: a terminal prints every figure.
-    """
+    """Return all figures; unless ``every`` one is asked for, a terminal prints only the figure of
+    each case nearest to its limit."""
     examined = dict.fromkeys(row.actuator for row in validation.rows)
     how = "by files alone" if validation.claims == (FILES,) else "against references"
     return Report(
         f"{', '.join(examined) or 'nothing'} {how}",
         sentence(validation),
-        None if not any(row.passed is not None for row in validation.rows) else validation.passed,
+        validation.passed if any(row.passed is not None for row in validation.rows) else None,
         cards=cards(validation),
         remarks=remarks(validation),
         sections=(
@@ -186,22 +184,16 @@ def _page(validation: Validation, date: str = "") -> Report:
 
 def summary(validation: Validation) -> Report:
     """Return the verdict, how many figures of each actuator pass, and what failed."""
-    sections = (
-        faults(validation),
-        _counts(validation),
-        _failures(validation),
-        notes(validation),
-    )
-    return Report(sentence(validation), "", sections=sections)
+    parts = (faults, _counts, _failures, notes)
+    return Report(sentence(validation), "", sections=tuple(part(validation) for part in parts))
 
 
 def sentence(validation: Validation) -> str:
     """Return the verdict in one sentence."""
     judged = sum(row.passed is not None for row in validation.rows)
-    failed = len(validation.failures)
     if not judged:
         return "Nothing was judged."
-    if failed:
+    if failed := len(validation.failures):
         return f"FAILED: {failed} of {judged} figures are outside their limits."
     return f"PASSED: all {judged} figures are within their limits."
 
@@ -209,28 +201,21 @@ def sentence(validation: Validation) -> str:
 def remarks(validation: Validation) -> tuple[str, ...]:
     """Return what the verdict leaves open: figures without a match, claims not examined."""
     unmatched = sum(row.passed is None for row in validation.of(PAPER))
-    figures = "figure" if unmatched == 1 else "figures"
-    return (
-        *(
-            (f"{unmatched} printed {figures} cannot be reproduced; the reasons are given.",)
-            if unmatched
-            else ()
-        ),
-        *(
-            f"Not examined: {title}."
-            for claim, title in CARDS.items()
-            if validation.rows and claim in validation.claims and not validation.of(claim)
-        ),
-    )
+    figures = plural(unmatched, "printed figure")
+    told = [f"{figures} cannot be reproduced; the reasons are given."] if unmatched else []
+    missing = [it for it in validation.claims if validation.rows and not validation.of(it)]
+    return (*told, *(f"Not examined: {WORDS[claim].card}." for claim in missing))
 
 
 def cards(validation: Validation) -> tuple[Card, ...]:
     """Return how many figures of each claim pass."""
     made = []
     for claim in validation.claims:
-        title, rows = CARDS[claim], validation.of(claim)
+        words, rows = WORDS[claim], validation.of(claim)
         text = f"{_passed(rows)} figures pass" if rows else "not examined"
-        made.append(Card(title, text, _judgement(rows), HEADINGS[claim] if rows else ""))
+        verdicts = {row.passed for row in rows}
+        passed = False if False in verdicts else True if True in verdicts else None
+        made.append(Card(words.card, text, passed, words.heading if rows else ""))
     return tuple(made)
 
 
@@ -286,7 +271,7 @@ def _counts(validation: Validation) -> Section:
         (name, *(_count(validation.of(claim), name) for claim in validation.claims))
         for name in names
     )
-    heads = (_what(validation), *(BRIEF[claim] for claim in validation.claims))
+    heads = (_what(validation), *(WORDS[claim].counted for claim in validation.claims))
     return Section(COUNTS, tables=(Table("", heads, rows),))
 
 
@@ -296,10 +281,10 @@ def _what(validation: Validation) -> str:
 
 
 def _count(rows: Sequence[Row], actuator: str) -> str:
-    of_actuator = [row for row in rows if row.actuator == actuator]
-    named = sum(row.passed is None and row.claim == PAPER for row in of_actuator)
-    counts = [_passed(of_actuator)] if any(row.passed is not None for row in of_actuator) else []
-    return ", ".join([*counts, *([f"{named} not reproducible"] if named else [])])
+    its = [row for row in rows if row.actuator == actuator]
+    named = sum(row.passed is None and row.claim == PAPER for row in its)
+    passed = _passed(its) if any(row.passed is not None for row in its) else ""
+    return ", ".join(filter(None, [passed, f"{named} not reproducible" if named else ""]))
 
 
 def _passed(rows: Iterable[Row]) -> str:
@@ -307,32 +292,19 @@ def _passed(rows: Iterable[Row]) -> str:
     return f"{sum(bool(row.passed) for row in judged)} of {len(judged)}"
 
 
-def _judgement(rows: Iterable[Row]) -> bool | None:
-    """False if any row failed, True if some were judged, else None."""
-    verdicts = {row.passed for row in rows}
-    return False if False in verdicts else (True if True in verdicts else None)
-
-
 def _claim(claim: str, rows: Sequence[Row], every: bool) -> Section:
+    *_, heading, lead = WORDS[claim]
     if claim == PAPER:
         table = Table("", PRINTED, tuple(map(_printed, rows)))
-        return Section(HEADINGS[claim], LEADS[claim], tables=(table,), folded=True)
-    nearest = Table(
-        f"{HEADINGS[claim]}; of each case the figure nearest to its limit",
-        FIGURE,
-        tuple(_nearest(group) for group in _cases(rows)),
-        folded=every,
-    )
-    figures = tuple(_measured(row) for row in rows)
-    all_ = Table(f"{HEADINGS[claim]}; all {len(rows)} figures", FIGURE, figures, folded=not every)
-    return Section(HEADINGS[claim], LEADS[claim], tables=(nearest, all_), folded=True)
-
-
-def _cases(rows: Sequence[Row]) -> Iterable[list[Row]]:
-    groups: dict[tuple[str, ...], list[Row]] = {}
+        return Section(heading, lead, tables=(table,), folded=True)
+    cases: dict[tuple[str, ...], list[Row]] = {}
     for row in rows:
-        groups.setdefault((row.actuator, row.variant, row.case, row.subject), []).append(row)
-    return groups.values()
+        cases.setdefault((row.actuator, row.variant, row.case, row.subject), []).append(row)
+    title = f"{heading}; of each case the figure nearest to its limit"
+    nearest = Table(title, FIGURE, tuple(map(_nearest, cases.values())), folded=every)
+    figures = tuple(map(_measured, rows))
+    all_ = Table(f"{heading}; all {len(rows)} figures", FIGURE, figures, folded=not every)
+    return Section(heading, lead, tables=(nearest, all_), folded=True)
 
 
 def _nearest(rows: Sequence[Row]) -> tuple[Cell, ...]:

@@ -30,10 +30,8 @@ from numpy.typing import NDArray
 
 from servo_models.core.types import Array
 
-Edges = list[tuple[float, float]]
-"""(time [s], value that begins there), in order of time."""
-Segment = tuple[float, float, tuple[float, ...]]
-"""Begin [s], end [s], values of all signals between."""
+Edges = list[tuple[float, float]]  # (time [s], value that begins there), in order of time
+Segment = tuple[float, float, tuple[float, ...]]  # begin [s], end [s], signals between
 
 SAME_TIME = 1e-9  # distance [s] below which instants are one: sums of steps are rounded
 
@@ -138,8 +136,7 @@ class LinearSystem:
         n, m = self.b.shape
         joint = np.zeros((n + m, n + m))
         joint[:n, :n], joint[:n, n:] = self.a * span, self.b * span
-        transition: Array = expm(joint)[:n]
-        return transition
+        return np.asarray(expm(joint)[:n])
 
 
 Key = Hashable

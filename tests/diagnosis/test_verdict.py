@@ -145,7 +145,7 @@ def test_a_verdict_without_an_effect_leaves_two_noise_floors_at_most(
     """Whatever else calls what is left noise."""
     monkeypatch.setattr(verdicts, "lacks", lambda *_: False)
     monkeypatch.setattr(verdicts, "not_followed", lambda *_: ())
-    monkeypatch.setattr(verdicts, "_locked", lambda _: LockedTest(1.0, 0.0, 0.0, ""))
+    monkeypatch.setattr(verdicts, "command_locked", lambda *_: LockedTest(1.0, 0.0, 0.0, ""))
     left = replace(friction.retuned.left, structured=floors, least=0.0)
     retuned = replace(friction.retuned)
     vars(retuned)["left"] = left

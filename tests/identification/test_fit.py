@@ -185,10 +185,10 @@ def test_a_log_that_begins_in_another_state_is_warned_of(settle: float) -> None:
     assert "'rig' begins in another state than the model" in text
     assert ("begins at rest:" in text) == (settle == 0.0)
     fair = replace(log, settle=0.2 - settle)
-    assert false_starts([prepared(nominal(), fair)], same) == []
+    assert not [*false_starts([prepared(nominal(), fair)], same)]
     jumps = np.concatenate([[1.0, -1.0], np.zeros(len(angle) - 2)])  # a current is no state
     both = replace(fair, outputs={"angle": angle, "current": jumps})
-    assert false_starts([prepared(nominal(), both)], same) == []
+    assert not [*false_starts([prepared(nominal(), both)], same)]
     wrong, right = (fit(nominal(**same), [one], ["stiffness"]) for one in (log, fair))
     assert (wrong.believable, right.believable) == (False, True)
 

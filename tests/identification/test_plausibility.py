@@ -49,7 +49,7 @@ def test_columns_of_two_quantities_are_not_in_another_unit_together() -> None:
     """Milli-units share a ratio, and a linear model does not tell them from the right ones."""
     plant = model("torque_motor", "identified").plant
     every = {"voltage": [("mV", 1e-3)], "angle": [("mrad", 1e-3)], "current": [("mA", 1e-3)]}
-    assert list(_together(plant, every, ["angle"])) == []
+    assert list(_together(plant, every)) == []
 
 
 def test_a_log_that_cannot_be_simulated_in_another_unit_is_not_told_to_take_it() -> None:

@@ -231,8 +231,7 @@ class Columns:
             has_value = cells.is_not_nan()
         else:
             has_value = cells.is_not_null()
-        marked: Mask = ~has_value.fill_null(value=False).to_numpy()
-        return marked
+        return np.asarray(~has_value.fill_null(value=False).to_numpy())
 
     def held(self, column: str | int) -> Columns:
         """Return the same with the value of the row before in every cell of a column without one.

@@ -34,7 +34,8 @@ def read(source: Source) -> Tables:
     """
     source.wanted([""])
     lines = _lines(source)
-    start = next((i for i, line in enumerate(lines) if _is_content(line)), len(lines))
+    begins = (line.strip()[:1] for line in lines)  # neither blank nor a comment
+    start = next((i for i, begin in enumerate(begins) if begin not in ("", "#")), len(lines))
     if start == len(lines):
         raise UserError(f"'{source.path}' is empty: it needs a header and rows of numbers")
     separator = _separator(lines[start : start + 2])
@@ -70,10 +71,6 @@ def _lines(source: Source) -> list[str]:
             " save the file as CSV UTF-8"
         ) from error
     return text.rstrip("\r\n ").replace("\r\n", "\n").replace("\r", "\n").split("\n")
-
-
-def _is_content(line: str) -> bool:
-    return bool(line.strip()) and not line.lstrip().startswith("#")
 
 
 def _separator(lines: Sequence[str]) -> str:

@@ -37,12 +37,9 @@ KEPT = ("zone", "part")  # parts of a time whose text is no number of its own
 
 def seconds(cells: pl.Series, where: Callable[[int], str]) -> Array | None:
     """Return times as seconds since 1970, or since midnight without a date; None for no times.
+    ``where`` says in words which row it is, counted from 0.
 
     What the first cell is decides; all have to be written in the zone of that one.
-
-    Args:
-        cells: a column.
-        where: a row, counted from 0, in words.
 
     Raises:
         UserError: a cell that is empty or no time, or is of another zone.

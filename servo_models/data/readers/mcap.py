@@ -14,7 +14,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from servo_models.data.readers.columns import Source, Tables, extra
-from servo_models.data.readers.ros import message_columns
+from servo_models.data.readers.ros import message_columns, plain
 from servo_models.errors import UserError
 from servo_models.files import check_size
 
@@ -82,13 +82,4 @@ def _decoder(source: Source, schema: Any, channel: Any) -> Callable[[bytes], Any
         )
     factory = extra("mcap", "mcap_ros2.decoder").DecoderFactory()
     decode = factory.decoder_for(channel.message_encoding, schema)
-    return lambda data: _plain(decode(data))
-
-
-def _plain(value: Any) -> Any:
-    """A message of ROS 2 as dictionaries, lists and scalars."""
-    if hasattr(value, "__slots__"):
-        return {name: _plain(getattr(value, name)) for name in value.__slots__}
-    if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
-    return value
+    return lambda data: plain(decode(data))

@@ -10,8 +10,7 @@ from servo_models.data.readers.columns import Source, column_of, columns_of, uni
 if TYPE_CHECKING:
     import polars as pl
 
-LISTS_OF_NAMES = ("name", "joint_names")
-"""Fields of messages that name the joints of their other lists."""
+LISTS_OF_NAMES = ("name", "joint_names")  # fields that name the joints of other lists
 HEADER_STAMP = "header_stamp"
 
 
@@ -38,6 +37,16 @@ def message_columns(
     aliases: dict[str, str] = {}
     named = [_by_name(record, _names(record), "", aliases) for record in records]
     return columns + columns_of(source, named), aliases if len(orders) == 1 else {}
+
+
+def plain(value: Any) -> Any:
+    """Return a message of ROS 2, as either library has it, as dictionaries, lists and scalars."""
+    fields = getattr(value, "__dataclass_fields__", None) or getattr(value, "__slots__", None)
+    if fields is not None:
+        return {name: plain(getattr(value, name)) for name in fields if name != "__msgtype__"}
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    return [plain(item) for item in value] if isinstance(value, (list, tuple)) else value
 
 
 def _stamp(record: Any) -> int | None:

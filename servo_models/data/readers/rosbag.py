@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from servo_models.data.readers.columns import Source, Tables, extra
-from servo_models.data.readers.ros import message_columns
+from servo_models.data.readers.ros import message_columns, plain
 from servo_models.errors import UserError
 from servo_models.files import check_size
 
@@ -66,7 +66,7 @@ def _tables(source: Source, bag: Any) -> Tables:
             unknown[topic] = connection.msgtype
             continue
         times.setdefault(topic, []).append(arrived)
-        records.setdefault(topic, []).append(_plain(message))
+        records.setdefault(topic, []).append(plain(message))
     if source.table in unknown:
         raise UserError(
             f"{source.place}: the bag does not describe its type '{unknown[source.table]}': record"
@@ -85,14 +85,3 @@ def _tables(source: Source, bag: Any) -> Tables:
         arrivals = {"log_time": times.get(name, [])}
         cells[name], aliases = message_columns(source, arrivals, records.get(name, []), first)
     return Tables(cells, aliases=aliases if len(names) == 1 else {})
-
-
-def _plain(value: Any) -> Any:
-    """A message as dictionaries, lists and scalars."""
-    if fields := getattr(value, "__dataclass_fields__", None):
-        return {name: _plain(getattr(value, name)) for name in fields if name != "__msgtype__"}
-    if hasattr(value, "tolist"):
-        return value.tolist()
-    if isinstance(value, list):
-        return [_plain(item) for item in value]
-    return value

@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
+from servo_models.analysis.statistics import rms
 from servo_models.core.plant import unknown
 from servo_models.core.simulate import Model
 from servo_models.data.description import Description, read_description
@@ -180,5 +179,5 @@ def _errors(
             out = simulated.outputs_or_nan({})
             for k, (name, measured) in enumerate(log.outputs.items()):
                 error = (out[:, k] - measured)[counted]
-                errors.setdefault((log.name, name), []).append(float(np.sqrt(np.mean(error**2))))
+                errors.setdefault((log.name, name), []).append(rms(error))
     return errors

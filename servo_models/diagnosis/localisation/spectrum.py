@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from servo_models.core.types import Array
+from servo_models.data.clock import GAP
 from servo_models.diagnosis.localisation.breakdown import (
     SURE,
     WORSE,
@@ -22,7 +23,6 @@ from servo_models.diagnosis.localisation.samples import Samples
 
 OCTAVES = 1.5  # width of a band [octaves]
 BANDS = 8  # most bands; the lowest holds the two lowest frequencies of the longest log
-GAP = 1.5  # interval over the median one beyond which samples do not belong together
 
 
 def by_frequency(samples: Samples) -> Breakdown | None:

@@ -97,9 +97,9 @@ class Candidate:
         A switch that they do not name is as good as off, as it was where they were tried.
         """
         off = {name: 0.0 for name in self.switches} if settings.keys() & self.switches else {}
-        starts = {**off, **settings}
+        starts = {it.name: it.start for it in self.free} | off | settings
         started = tuple(
-            replace(it, start=_inside(it, starts.get(it.name, it.start))) for it in self.free
+            replace(it, start=min(max(starts[it.name], it.low), it.high)) for it in self.free
         )
         if not self.hints.inertia:
             return started
@@ -123,13 +123,12 @@ def candidates(
             owned.setdefault(parameter.owner, []).append(parameter)
     switched_off = []
     for name, parameters in owned.items():
-        switches = [p for p in parameters if p.param.switch and p.param.typical > 0.0]
+        effect = _Off(model, logs, name, parameters)
         on = any(model.values[p.name] != 0.0 for p in parameters if p.param.switch)
-        main = model.plant.main(name)
-        hints = main.effect.hints
-        vain = hints.learnt or (hints.of_changes and _never_changes(model, logs, main.on[0]))
-        if switches and not on and not vain and name not in skipped:
-            switched_off.append(_Off(model, logs, name, switches, parameters).candidate())
+        hints = effect.hints
+        vain = hints.learnt or (hints.of_changes and _never_changes(model, logs, effect.wire))
+        if effect.switches and not on and not vain and name not in skipped:
+            switched_off.append(effect.candidate())
     return tuple(switched_off)
 
 
@@ -138,25 +137,18 @@ def _never_changes(model: Model, logs: Iterable[Log], wire: str) -> bool:
     if wire not in {it.name for it in model.plant.inputs}:
         return False
     rest = model.plant.wire[wire].rest
-    values = set[float | str]()
-    for log in logs:
-        values |= {*log.inputs.get(wire, [log.constants.get(wire, rest)])}
-    return len(values) < 2
+    values = [{*log.inputs.get(wire, [log.constants.get(wire, rest)])} for log in logs]
+    return len(set().union(*values)) < 2
 
 
 class _Off:
     """An effect that is off in a model, at its place, and the logs that may have it."""
 
     def __init__(
-        self,
-        model: Model,
-        logs: Sequence[Log],
-        name: str,
-        switches: list[Parameter],
-        parameters: list[Parameter],
+        self, model: Model, logs: Sequence[Log], name: str, parameters: list[Parameter]
     ) -> None:
-        self.model, self.logs, self.name, self.switches = model, logs, name, switches
-        self.plant = model.plant
+        self.model, self.plant, self.logs, self.name = model, model.plant, logs, name
+        self.switches = [p for p in parameters if p.param.switch and p.param.typical > 0.0]
         main = model.plant.main(name)
         self.hints, self.wire = main.effect.hints, main.on[0]
         self.shape = [
@@ -167,35 +159,32 @@ class _Off:
         self.reads_codes = self.has_codes and any(self.wire in log.outputs for log in logs)
 
     def candidate(self) -> Candidate:
+        interval = min((log.interval for log in self.logs), default=0.0)
+        fastest = (LEAST_SAMPLES_IN_A_PERIOD * interval / (2.0 * math.pi)) ** 2
         return Candidate(
             name=self.name,
             hints=self.hints,
-            free=self.free(),
+            free=tuple(map(self.free, [*self.switches, *self.shape])),
             switches=tuple(it.name for it in self.switches),
             trial_values=tuple(self.trial_values()),
             grid=tuple(self.grid()),
-            fastest=_fastest(self.logs) if self.hints.inertia else 0.0,
+            fastest=fastest if self.hints.inertia else 0.0,
         )
 
-    def free(self) -> tuple[Free, ...]:
-        """Its parameters within its reach: those that switch it on, then its shape."""
-        values = self.model.values
-        free = [_narrowed(free_parameter(it, values[it.name], None)) for it in self.switches]
-        for parameter in self.shape:
-            form = free_parameter(parameter, values[parameter.name], None)
-            free.append(self.periodic(form) if parameter is self.shaped(self.hints.count) else form)
-        return tuple(free)
+    def free(self, parameter: Parameter) -> Free:
+        """One of its parameters within its reach."""
+        free = free_parameter(parameter, self.model.values[parameter.name], None)
+        low = free.low
+        if parameter is self.shaped(self.hints.count):  # so many periods in the travel at least
+            least = LEAST_RIPPLE_PERIODS_IN_TRAVEL * 2.0 * math.pi / travel(self.plant, self.logs)
+            low = min(max(low, least), 0.5 * free.high)
+        elif parameter.param.switch and free.start > 0.0 and low >= 0.0:
+            low = max(low, LEAST_OVER_TYPICAL * free.start)
+        return replace(free, low=low, start=max(free.start, low))
 
     def shaped(self, key: str) -> Parameter | None:
         """One of its parameters that are no switches."""
         return next((it for it in self.shape if it.key == key), None)
-
-    def periodic(self, free: Free) -> Free:
-        """A count with so many periods in the travel at least."""
-        travelled = travel(self.plant, self.logs)
-        least = LEAST_RIPPLE_PERIODS_IN_TRAVEL * 2.0 * math.pi / travelled
-        low = min(max(free.low, least), 0.5 * free.high)
-        return replace(free, low=low, start=max(free.start, low))
 
     def trial_values(self) -> list[Values]:
         """Values to try first."""
@@ -209,13 +198,10 @@ class _Off:
             return about_codes(switch, (it for it in steps if it.sure))
         values = few(self.hints, self.switches, self.shape)
         if self.has_codes:
-            values += [{switch.name: it.size} for it in quanta(switch, self.like_it(), self.logs)]
+            wires = self.plant.wire
+            alike = [it for it in self.plant.outputs if wires[it].unit == wires[self.wire].unit]
+            values += [{switch.name: it.size} for it in quanta(switch, alike, self.logs)]
         return values
-
-    def like_it(self) -> list[str]:
-        """Outputs in the unit of the signal that it acts on."""
-        wires = self.plant.wire
-        return [it for it in self.plant.outputs if wires[it].unit == wires[self.wire].unit]
 
     def grid(self) -> list[Values]:
         """Many values of a discontinuous parameter, unless codes tell it."""
@@ -245,29 +231,11 @@ def _range(model: Model, log: Log, wire: str) -> float:
     return min((it for it in alike if it > 0.0), default=math.inf)
 
 
-def _inside(free: Free, value: float) -> float:
-    return min(max(value, free.low), free.high)
-
-
 def _near(free: Free, least: float) -> Free:
     """The same, a parameter of a resonance within reach of its start and not below ``least``."""
     # what is slow is kept out by being near, not by being small against the typical size
     low = min(max(free.start / RESONANCE_REACH_FACTOR, least), free.start)
     return replace(free, low=low, high=min(free.high, free.start * RESONANCE_REACH_FACTOR))
-
-
-def _fastest(logs: Iterable[Log]) -> float:
-    """Square of the shortest 1 / angular frequency [s] of which logs have enough samples."""
-    steps = [float(np.median(np.diff(log.times))) for log in logs if len(log.times) > 1]
-    return (LEAST_SAMPLES_IN_A_PERIOD * min(steps, default=0.0) / (2.0 * math.pi)) ** 2
-
-
-def _narrowed(free: Free) -> Free:
-    """A free switch, a share of its start at least where that is positive."""
-    if free.start <= 0.0:
-        return free
-    low = max(free.low, LEAST_OVER_TYPICAL * free.start) if free.low >= 0.0 else free.low
-    return replace(free, low=low)
 
 
 TRIALS_OVER_TYPICAL = (0.03, 0.1, 0.25, 0.5, 1.0, 2.0, 4.5, 10.0)
@@ -319,19 +287,16 @@ def ripples(
 
 def few(hints: Hints, switches: Iterable[Parameter], shape: Sequence[Parameter]) -> list[Values]:
     """Return a few values of each switch of an effect, with each of its shapes."""
+    usual = SHAPED_TRIALS_OVER_TYPICAL if shape else TRIALS_OVER_TYPICAL
     forms = _shapes(shape)
-    return [
-        {switch.name: size, **form}
-        for switch in switches
-        for size in _within_bounds(switch, hints.trial_values or _usual(switch, shape))
-        for form in forms
-    ]
-
-
-def _usual(switch: Parameter, shape: Sequence[Parameter]) -> tuple[float, ...]:
-    if switch.param.low < 0.0:
-        return SIGNED_TRIALS_OVER_TYPICAL
-    return SHAPED_TRIALS_OVER_TYPICAL if shape else TRIALS_OVER_TYPICAL
+    tried = []
+    for switch in switches:
+        param = switch.param
+        shares = hints.trial_values or (SIGNED_TRIALS_OVER_TYPICAL if param.low < 0.0 else usual)
+        both = [sign * share * param.typical for share in shares for sign in (1.0, -1.0)]
+        sizes = [size for size in both if param.low <= size <= param.high]
+        tried += [{switch.name: size, **form} for size in sizes for form in forms]
+    return tried
 
 
 def on_grid(grid: Grid, switch: Parameter, divided: float) -> list[Values]:
@@ -346,11 +311,8 @@ def on_grid(grid: Grid, switch: Parameter, divided: float) -> list[Values]:
     values = []
     while size >= low:
         values.append({switch.name: size})
-        relative = LARGEST_RELATIVE_GRID_SPACING
-        if divided > 0.0:
-            relative = min(
-                max(GRID_SPACING_IN_PERIODS * size / divided, grid.least_spacing), relative
-            )
+        relative = GRID_SPACING_IN_PERIODS * size / divided if divided > 0.0 else math.inf
+        relative = min(max(relative, grid.least_spacing), LARGEST_RELATIVE_GRID_SPACING)
         size *= 1.0 - relative
     return values
 
@@ -373,19 +335,11 @@ def about_codes(switch: Parameter, steps: Iterable[Step]) -> list[Values]:
     ]
 
 
-def _within_bounds(switch: Parameter, over_typical: Iterable[float]) -> list[float]:
-    """Values of a switch inside its bounds, of both signs where there are two."""
-    param = switch.param
-    both = [sign * share * param.typical for share in over_typical for sign in (1.0, -1.0)]
-    return [size for size in both if param.low <= size <= param.high]
-
-
 def _shapes(shape: Iterable[Parameter]) -> list[Values]:
     """Shapes to try: the default, and each parameter apart from it."""
-    forms: dict[tuple[tuple[str, float], ...], None] = {}
+    forms: dict[tuple[str, float], None] = {}
     for parameter in shape:
         param = parameter.param
         for share in SHAPE_TRIALS_OVER_DEFAULT:
-            value = min(max(share * param.default, param.low), param.high)
-            forms[((parameter.name, value),)] = None
-    return [dict(form) for form in forms] or [{}]
+            forms[parameter.name, min(max(share * param.default, param.low), param.high)] = None
+    return [{name: value} for name, value in forms] or [{}]

@@ -172,10 +172,7 @@ def signed_rank(values: Array) -> float:
 
 
 def closed(before: float, after: float, floor: float) -> float | None:
-    """Return the share of the reducible gap that is closed, at most 1; None for nothing to reduce.
-
-    Args:
-        before, after, floor: RMS errors, in one unit.
-    """
+    """Return the share of the reducible gap [RMS] that is closed, at most 1; None for nothing to
+    reduce."""
     beyond = before - floor
     return min((before - after) / beyond, 1.0) if beyond > CLEAR * floor else None

@@ -46,8 +46,7 @@ FINAL_STEPS = 60  # least-squares steps of such a fit
 HOPELESS_RATIO = 1.5  # cost over what a fit has to reach from which it gets no other start
 COARSE_WIDTH_IN_SCALES = 0.02  # width of slopes where an effect makes the response jump
 COARSE_RELATIVE_WIDTH = 0.01  # width of the slope along a discontinuous parameter
-WIDE_RELATIVE_CHANGES = (0.02, 0.01)
-"""Changes of a discontinuous parameter before a search, in turn."""
+WIDE_RELATIVE_CHANGES = (0.02, 0.01)  # changes of a discontinuous parameter before a search
 NARROW_RELATIVE_CHANGES = (0.005, 0.0025, 0.0012, 0.0006, 0.0003)  # changes after it
 JUMP_OVER_RANGE = 0.2  # jump between samples of a reading above which delays are tried one by one
 DELAY_MOVES_IN_SAMPLES = (0.5, 1.0, 1.5, 2.5, 4.0)  # moves of the delay before such a reading
@@ -55,6 +54,7 @@ DELAY_MOVES_IN_PERIODS = (1 / 64, 1 / 32, 1 / 16, 1 / 8, 1 / 4, 1.0, 2.0)
 """Moves of a delay before a hold: one tick off passes for friction or inertia."""
 MOVED_COST_OVER_COST = 0.98  # cost after a move over before, below which it is taken
 MOST_MOVES = 8  # moves of delays in one fit
+INWARD = {"low": 1.0, "high": -1.0}  # sign of the way off a bound
 LEAST_ROW_SHARE = 0.7  # movement by commands between rows over the structured part it may explain
 
 
@@ -204,10 +204,9 @@ def _jumping(problem: Problem) -> list[float]:
     for log in problem.logs:
         for values in log.outputs.values():
             change = np.max(np.abs(np.diff(values)), initial=0.0)
-            if change > JUMP_OVER_RANGE * np.ptp(values) > 0.0:
-                step = float(np.median(np.diff(log.times)))
-                if not any(abs(step - it) <= ROUNDING * it for it in intervals):
-                    intervals.append(step)
+            known = any(abs(log.interval - it) <= ROUNDING * it for it in intervals)
+            if change > JUMP_OVER_RANGE * np.ptp(values) > 0.0 and not known:
+                intervals.append(log.interval)
     return intervals
 
 
@@ -258,14 +257,12 @@ class FittedModel:
         """Whether a bound holds a parameter of an effect from a better fit: what it imitates may
         be another effect.  One that merely lies there, since the logs do not show it, is none."""
         sides, slopes = self.problem.sides(self.evidence.vector), self.linearised.slopes
+        beyond = self.settings.bound_advantage * self.evidence.dispersion
         for i, free in enumerate(self.problem.free):
             if sides[i] and free.prior is None:
                 slope = factors(np.delete(slopes, i, axis=1)).without(slopes[:, i])
-                sign = 1.0 if sides[i] == "low" else -1.0
-                outward = sign * float(slope @ self.linearised.errors)
-                beyond = self.settings.bound_advantage * self.evidence.dispersion
-                least = beyond * float(slope @ slope)
-                if outward > 0.0 and outward**2 > least:
+                outward = INWARD[sides[i]] * float(slope @ self.linearised.errors)
+                if outward > 0.0 and outward**2 > beyond * float(slope @ slope):
                     return True
         return False
 
@@ -303,8 +300,7 @@ class FittedModel:
 
     def without(self, name: str) -> tuple[tuple[str, ...], list[Free]]:
         """Return its effects without one, and their free parameters."""
-        owners = {free.name: free.name.rpartition(".")[0] for free in self.problem.free}
-        kept = [it for it in self.problem.free if it.prior is None and owners[it.name] != name]
+        kept = [free for free in self.own if free.name.rpartition(".")[0] != name]
         return tuple(it for it in self.effects if it != name), kept
 
     @property
@@ -320,9 +316,8 @@ class FittedModel:
         largest of so many squares of normal numbers is.  Look-alikes are told apart by how
         usual their sizes are.
         """
-        squared = float(self.evidence.losses.sum()) * (
-            self.settings.loss_factor_on_bound if self.held_by_bound else 1.0
-        )
+        factor = self.settings.loss_factor_on_bound if self.held_by_bound else 1.0
+        squared = float(self.evidence.losses.sum()) * factor
         return squared + 2.0 * self.chance * self.evidence.dispersion
 
 
@@ -364,9 +359,7 @@ class Fitter:
     def problem(self, extra: Iterable[Free] = ()) -> Problem:
         """Return the question with further free parameters."""
         free = [*self.nominal, *extra]
-        return Problem(
-            self.model, self.logs, free, dict(self.floors), self.workers, steps=self.steps
-        )
+        return Problem(self.model, self.logs, free, self.floors, self.workers, steps=self.steps)
 
     def widened(self, model: FittedModel) -> Fitter | None:
         """Return a fitter with wider priors of the parameters that a fit drives far from what is
@@ -399,10 +392,10 @@ class Fitter:
                 continue
             unsure = replace(self, between_rows=True).with_unsure_inputs(model).surveyed()
             again = unsure.fit_from(model)
-            costs = [
+            before, after = (
                 it.cost + log_determinant(it.problem.logs, self.floors) for it in (model, again)
-            ]
-            if again.settled and costs[1] < costs[0] - self.settings.entry_advantage:
+            )
+            if again.settled and after < before - self.settings.entry_advantage:
                 return unsure
         return None
 
@@ -504,10 +497,9 @@ class Fitter:
 
     def refit(self, model: FittedModel) -> FittedModel:
         """Fit once more from where a fit has ended."""
-        problem, settings = model.problem, self.settings
-        begin, limit = model.evidence.vector, settings.fit_steps
-        ended = self._descend(problem, begin, settings.fit_tolerance, limit)
-        return self._judged(model.effects, problem, *ended)
+        limits = self.settings.fit_tolerance, self.settings.fit_steps
+        ended = self._descend(model.problem, model.evidence.vector, *limits)
+        return self._judged(model.effects, model.problem, *ended)
 
     def finish(self, model: FittedModel) -> FittedModel:
         """Fit to the end: what the logs leave open goes back to its prior."""
@@ -543,12 +535,12 @@ class Fitter:
         evidence = cross_validate(problem, linear, blocks(problem), held)
         chance = sum(self.trials.get(name, 0.0) for name in effects)
         chance += _strangeness(problem, vector)
-        model = FittedModel(
+        # of two that do as well, the one that believes what is believed is taken
+        widened = any(free.widened > 1.0 for free in problem.free)
+        chance += 0.5 * self.settings.entry_advantage if widened else 0.0
+        return FittedModel(
             effects, problem, linear, evidence, converged, chance, widths, settings=self.settings
         )
-        # of two that do as well, the one that believes what is believed is taken
-        doubt = 0.5 * self.settings.entry_advantage if model.widened else 0.0
-        return replace(model, chance=chance + doubt)
 
     def _descend(
         self,
@@ -587,8 +579,7 @@ class Fitter:
 def _pressed(linear: Linearisation) -> list[int]:
     """Which parameters a bound holds from a better fit: without a block it would hold them too."""
     sides, gradient = linear.problem.sides(linear.vector), linear.slopes.T @ linear.errors
-    inward = {"low": 1.0, "high": -1.0}
-    return [i for i, side in enumerate(sides) if side and inward[side] * gradient[i] > 0.0]
+    return [i for i, side in enumerate(sides) if side and INWARD[side] * gradient[i] > 0.0]
 
 
 def _strangeness(problem: Problem, vector: Array) -> float:

@@ -6,7 +6,7 @@ it; the whole logs then tell them apart.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from math import log, sqrt
 
@@ -44,17 +44,13 @@ def shortlist(
     What is ``known`` of effects, from the whole logs, tells how much a value moves, and what smooth
     effects may do beside it.
     """
-    discontinuous = [one for one in every if one.grid]
-    if known:
-        moving = {it.candidate.name for it in known}
-        discontinuous = [one for one in discontinuous if one.name in moving]
+    moving = {it.candidate.name for it in known} or {one.name for one in every}
+    discontinuous = [one for one in every if one.grid and one.name in moving]
     if not discontinuous:
         return ()
     smooth = [it for it in known if not it.candidate.grid]
-    parts = {
-        samples: _Part(fitter, first, samples, smooth) for samples in (BRIEF_SAMPLES, LONG_SAMPLES)
-    }
-    return tuple(_listed(one, parts, known) for one in discontinuous)
+    brief, long = (_Part(fitter, first, n, smooth) for n in (BRIEF_SAMPLES, LONG_SAMPLES))
+    return tuple(_listed(one, brief, long, known) for one in discontinuous)
 
 
 class _Part:
@@ -78,14 +74,11 @@ class _Part:
 
     def _cut(self, result: Screened, rows: NDArray[np.int_]) -> Screened:
         """A result of an effect with the whole logs, as far as this part goes."""
-        change = np.zeros(len(self.linearised.errors))
+        linear = self.linearised
+        change = np.zeros(len(linear.errors))
         change[: len(rows)] = result.change[rows]
-        return replace(
-            result,
-            linearised=self.linearised,
-            change=change,
-            difference=self.linearised.without(change),
-        )
+        difference = linear.without(change)
+        return replace(result, linearised=linear, change=change, difference=difference)
 
     def best(self, results: Sequence[Screened], count: int) -> list[Screened]:
         """So many that leave least alone, and half as many that do beside a smooth effect: that
@@ -106,10 +99,12 @@ def _rows(whole: Sequence[Log], parts: Sequence[Log]) -> NDArray[np.int_]:
     return np.concatenate(places)
 
 
-def _listed(full: Candidate, parts: Mapping[int, _Part], known: Iterable[Screened]) -> Candidate:
+def _listed(full: Candidate, brief: _Part, long: _Part, known: Iterable[Screened]) -> Candidate:
     """An effect with the values that leave least."""
-    part, long = _showing(parts), parts[LONG_SAMPLES]
-    every = parts[BRIEF_SAMPLES if full.late else LONG_SAMPLES].candidates[full.name].grid
+    left, whole = (it.linearised.left / it.linearised.problem.samples for it in (brief, long))
+    # the shorter part, if what is left to explain shows there
+    part = brief if left > BRIEF_MEAN_SQUARE_RATIO * whole else long
+    every = (brief if full.late else long).candidates[full.name].grid
     likely = _fitting(every, full.name, known)
     grid, results = _over_all(full, part, every, likely)
     if not full.late and part is not long:
@@ -141,24 +136,11 @@ def _closer(full: Candidate, part: _Part, best: Sequence[Values]) -> list[Screen
     """Results of some sizes and of those around the best half, other parameters corrected."""
     results = part.screen(full.name, best, corrected=True)
     apart = AROUND_PERIOD_RELATIVE if full.late else AROUND_RELATIVE
-    half = part.best(results, VALUES_CORRECTED // 2)
-    closer = [it for result in half for it in _around(result.settings, apart)]
+    half = [it.settings for it in part.best(results, VALUES_CORRECTED // 2)]
+    # a needle is narrower than sizes are apart
+    closer = [{name: it[name] * (1.0 + off)} for it in half for name in it for off in apart]
     more = part.screen(full.name, closer, corrected=True)
     return sorted([*results, *more], key=lambda it: it.left)
-
-
-def _showing(parts: Mapping[int, _Part]) -> _Part:
-    """The shorter part, if what is left to explain shows there."""
-    brief, long = (parts[samples].linearised for samples in (BRIEF_SAMPLES, LONG_SAMPLES))
-    least = BRIEF_MEAN_SQUARE_RATIO * long.left / long.problem.samples
-    return (
-        parts[BRIEF_SAMPLES] if brief.left > least * brief.problem.samples else parts[LONG_SAMPLES]
-    )
-
-
-def _around(best: Values, apart: Iterable[float]) -> list[Values]:
-    """Sizes a little smaller and larger: a needle is narrower than sizes are apart."""
-    return [{switch: size * (1.0 + it)} for switch, size in best.items() for it in apart]
 
 
 def _about(best: Values, every: Sequence[Values]) -> list[Values]:
@@ -206,24 +188,11 @@ def shortened(logs: Sequence[Log], samples: int) -> tuple[Log, ...]:
     """
     share = samples / sum(len(log.times) for log in logs)
     while share < 1.0:
-        parts = tuple(_first(log, max(2, int(share * len(log.times)))) for log in logs)
+        parts = tuple(log.at(slice(max(2, int(share * len(log.times))))) for log in logs)
         if sum(int(log.fitted.sum()) for log in parts) > 0.5 * samples:
             return parts
         share *= 2.0
     return tuple(logs)
-
-
-def _first(log: Log, count: int) -> Log:
-    return replace(
-        log,
-        times=log.times[:count],
-        inputs={name: values[:count] for name, values in log.inputs.items()},
-        outputs={name: values[:count] for name, values in log.outputs.items()},
-        rows=log.rows[:count],
-        held_out=log.held_out[:count],
-        skipped=None if log.skipped is None else log.skipped[:count],
-        unsure=log.unsure and {name: values[:count] for name, values in log.unsure.items()},
-    )
 
 
 def _between(every: Sequence[Values], grid: Sequence[Values], size: Values) -> list[Values]:

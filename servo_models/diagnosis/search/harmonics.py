@@ -41,14 +41,8 @@ PEAKS = 12  # highest peaks of the spectrum that are simulated
 def with_sines(
     fitter: Fitter, model: FittedModel, ripple: Candidate, number: int
 ) -> FittedModel | None:
-    """Return the best fit with so many sines of an effect, None where errors show no count.
-
-    Args:
-        fitter: maker of the model.
-        model: fitted, with the effect on and fewer sines.
-        one: the effect, as it is sought.
-        number: number of sines, 2 at least.
-    """
+    """Return the best fit with a ``number`` of sines of an effect, 2 or more, beside a ``model``
+    with fewer; None where errors show no count."""
     effects, kept = model.without(ripple.name)
     nominal = {free.name: free.nominal for free in fitter.nominal}
     alone = fitter.at_values(effects, kept, {**model.values, **nominal})

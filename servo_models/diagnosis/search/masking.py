@@ -47,14 +47,8 @@ class MaskedEffect:
 def masked_effects(
     fitter: Fitter, retuned: FittedModel, results: Iterable[Screened], least: float
 ) -> list[MaskedEffect]:
-    """Return effects that may be there beside re-tuned parameters, the largest first.
-
-    Args:
-        fitter: without any effect.
-        retuned: nominal parameters alone.
-        results: results of screening every effect.
-        least: RMS [noise floors] by which an effect has to move the outputs.
-    """
+    """Return effects that may be there beside re-tuned parameters, of those that move the outputs
+    by ``least`` [RMS, noise floors], the largest first."""
     alike: dict[tuple[object, ...], list[Screened]] = {}
     for result in results:
         # a ripple is screened as a share of each phase, at no size of its own; codes and clocks
@@ -140,15 +134,12 @@ def _masked(
 def _stands_out(model: FittedModel, retuned: FittedModel) -> bool:
     """Whether an effect leaves more of the data than noise would make of what parameters alone
     leave, or strains these further than their priors allow."""
-    n = retuned.problem.samples
-    more = [
-        float(now @ now) - float(was @ was)
-        for now, was in zip(
-            np.split(model.linearised.errors, [n]), np.split(retuned.linearised.errors, [n])
-        )
-    ]
+    (now, priors), (was, priors_were) = (
+        np.split(it.linearised.errors, [retuned.problem.samples]) for it in (model, retuned)
+    )
+    more, strain = now @ now - was @ was, priors @ priors - priors_were @ priors_were
     shown = model.settings.shown_deviations**2
-    return more[0] > shown * retuned.evidence.dispersion or more[1] > shown
+    return bool(more > shown * retuned.evidence.dispersion or strain > shown)
 
 
 def _moved(model: FittedModel, retuned: FittedModel) -> float:

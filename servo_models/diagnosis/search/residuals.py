@@ -43,11 +43,9 @@ SHORTEST_STRETCH = 16  # samples
 LEAST_STRETCHES = 8  # stretches in a record
 LEAST_SAMPLES = SHORTEST_STRETCH * LEAST_STRETCHES  # samples of a record: a shorter one is noise
 NOISE_FREQUENCY_PER_SAMPLE = 0.08  # frequency of noise: motion that is sampled well is slower
-NOISE_CORRELATIONS: Array = 1.0 - np.geomspace(1.0, 0.05, 40)
-"""Trial correlations of neighbouring samples of noise."""
+NOISE_CORRELATIONS: Array = 1.0 - np.geomspace(1.0, 0.05, 40)  # trials for neighbouring samples
 LOUDEST_NOISE_IN_FLOORS = 7.0  # loudest noise: differences of neighbours show a sixth of slow noise
-NOISE_POWERS_IN_STANDARD_ERRORS: Array = np.linspace(-4.0, 4.0, 33)
-"""Trial powers about the fast part's."""
+NOISE_POWERS_IN_STANDARD_ERRORS: Array = np.linspace(-4.0, 4.0, 33)  # trials about the fast part's
 ONE_SIDED_95 = 1.645  # standard errors to a bound that is passed in 5 % of the cases
 
 
@@ -152,12 +150,8 @@ def _codes(log: Log, name: str) -> tuple[float, float]:
 
 
 def _noise(errors: Array, white: float) -> tuple[float, float]:
-    """Power of the noise in errors, and the standard error of what is left of them without it.
-
-    Args:
-        errors: of one record, shape (n,).
-        white: power of the white noise that is known to be in it.
-    """
+    """Power of the noise in the errors of a record, shape (n,), of which ``white`` is known, and
+    the standard error of what is left without it."""
     n, power = len(errors), float(np.mean(errors**2))
     if n < LEAST_SAMPLES or power <= 0.0:
         return power, 0.0

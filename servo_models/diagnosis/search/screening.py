@@ -12,7 +12,7 @@ since many effects have none at 0.
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from functools import partial
 from itertools import chain
 from math import atan2, hypot, pi
@@ -74,14 +74,11 @@ class Screened:
     def at(self, scale: float) -> dict[str, float]:
         """Return the settings with so many times the effect, its size inside its bounds."""
         scale = 1.0 / scale if self.candidate.hints.inverse else scale
-        candidate = self.candidate
-        switches = {free.name: free for free in candidate.free if free.name in candidate.switches}
-        return {
-            name: min(max(scale * value, switches[name].low), switches[name].high)
-            if name in switches
-            else value
-            for name, value in self.settings.items()
-        }
+        settings = dict(self.settings)
+        for free in self.candidate.free:
+            if free.name in self.candidate.switches and free.name in settings:
+                settings[free.name] = min(max(scale * settings[free.name], free.low), free.high)
+        return settings
 
 
 def screen(
@@ -106,13 +103,16 @@ def screening_results(
     """Return each effect at each size beside each fit, whatever it does."""
     results: list[Screened] = []
     for linear in fits:
-        problem = linear.problem
-        base = problem.values(linear.vector)
+        base = linear.problem.values(linear.vector)
         tasks = [(candidate, sizes) for candidate in every for sizes in neighbours(candidate)]
         simulate = partial(corrected_changes if corrected else changes, linear, base)
-        simulated = problem.workers.map(simulate, tasks)
-        every_size = [(candidate, size) for candidate, sizes in tasks for size in sizes]
-        results += _results(linear, every_size, list(chain.from_iterable(simulated)))
+        simulated = list(chain.from_iterable(linear.problem.workers.map(simulate, tasks)))
+        tried = [(candidate, size) for candidate, sizes in tasks for size in sizes]
+        left, share = best_scales(linear, [candidate for candidate, _ in tried], simulated)
+        results += [
+            _screened(linear, candidate, settings, columns, shares, float(rest))
+            for (candidate, settings), columns, rest, shares in zip(tried, simulated, left, share)
+        ]
     return results
 
 
@@ -137,16 +137,6 @@ def _at_best(candidate: Candidate, results: Iterable[Screened]) -> Candidate:
         return candidate
     sizes = [it.settings for it in results if it.candidate.name == candidate.name]
     return replace(candidate, trial_values=tuple(sizes[:VALUES_BESIDE]))
-
-
-def _results(
-    linear: Linearisation, every: Sequence[tuple[Candidate, Values]], changes: Sequence[Array]
-) -> list[Screened]:
-    left, share = best_scales(linear, [candidate for candidate, _ in every], changes)
-    return [
-        _screened(linear, candidate, settings, columns, shares, float(rest))
-        for (candidate, settings), columns, rest, shares in zip(every, changes, left, share)
-    ]
 
 
 def best_scales(
@@ -194,10 +184,8 @@ def _screened(
     left: float,
 ) -> Screened:
     if not candidate.ripple:
-        change = columns[:, 0]
-        return Screened(
-            linear, candidate, settings, float(share[0]), change, linear.without(change), left
-        )
+        change, first = columns[:, 0], float(share[0])
+        return Screened(linear, candidate, settings, first, change, linear.without(change), left)
     at_once = {**settings, candidate.ripple[1]: 0.0}
     plain = Screened(linear, candidate, at_once, 1.0, columns[:, 0], columns[:, 0], left, columns)
     return turned(plain, share, left)
@@ -273,8 +261,9 @@ def corrected_changes(
 
 def _simulated(linear: Linearisation, base: Values, candidate: Candidate, size: Values) -> Array:
     """The change by an effect; of a ripple, those by its sine and by its cosine."""
-    phases = (0.0, pi / 2.0) if candidate.ripple else ()
-    probes = [{**size, candidate.ripple[1]: at} for at in phases] if candidate.ripple else [size]
+    probes = [size]
+    if candidate.ripple:
+        probes = [{**size, candidate.ripple[1]: phase} for phase in (0.0, pi / 2.0)]
     return np.column_stack([_difference(linear, {**base, **probe}) for probe in probes])
 
 
@@ -373,36 +362,25 @@ def detectability(
     """Return the reach of each effect by its name, from all results."""
     largest = {one.name: Detectability() for one in every}
     for result in results:
-        before, reach = largest[result.candidate.name], _detectability(result)
-        larger = Detectability(max(before.moved, reach.moved), max(before.shown, reach.shown))
-        largest[result.candidate.name] = larger
+        moved, shown = result.change[:, None], result.difference[:, None]
+        if result.waves is not None:  # the phase counts that does more
+            moved = LARGEST_RIPPLE_SHARE * result.waves
+            shown = result.linearised.without(moved)
+        name, samples = result.candidate.name, max(result.linearised.problem.samples, 1)
+        reach = (float(np.sqrt((it**2).sum(axis=0).max() / samples)) for it in (moved, shown))
+        largest[name] = Detectability(*map(max, astuple(largest[name]), reach))
     return largest
 
 
-def _detectability(result: Screened) -> Detectability:
-    """That of one size; of a ripple, that of the phase which does more."""
-    moved, shown = result.change[:, None], result.difference[:, None]
-    if result.waves is not None:
-        moved = LARGEST_RIPPLE_SHARE * result.waves
-        shown = result.linearised.without(moved)
-    samples = max(result.linearised.problem.samples, 1)
-    return Detectability(
-        *(float(np.sqrt((it**2).sum(axis=0).max() / samples)) for it in (moved, shown))
-    )
+Promising = tuple[str, list[Screened]]  # an effect, and its results that promise most
 
 
-Promising = tuple[str, list[Screened]]
-"""An effect, and its results that promise most."""
-
-
-def names_of(results: Iterable[Screened]) -> list[str]:
-    return list(dict.fromkeys(result.candidate.name for result in results))
-
-
-def starts_of(results: Sequence[Screened], count: int | None = None) -> Iterator[Promising]:
+def starts_of(results: Iterable[Screened]) -> Iterator[Promising]:
     """The effects of the first results, each with those from which its fit begins."""
-    for name in names_of(results)[:count]:
-        yield name, likeliest([result for result in results if result.candidate.name == name])
+    by_name: dict[str, list[Screened]] = {}
+    for result in results:
+        by_name.setdefault(result.candidate.name, []).append(result)
+    yield from ((name, likeliest(sizes)) for name, sizes in by_name.items())
 
 
 def likeliest(results: Sequence[Screened]) -> list[Screened]:
@@ -481,14 +459,15 @@ class Screener:
 
     def beside(self, first: FittedModel, pool: Iterable[Candidate]) -> list[Screened]:
         """Return the results of effects beside those of a model, best first."""
-        others = [self.candidates[one.name] for one in pool if one.name not in first.effects]
-        keys = {_key(first, one): one for one in others}
-        new = {one.name: key for key, one in keys.items() if key not in self._known}
-        self._known |= {key: [] for key in new.values()}
-        screened = _screened_beside(first, [keys[key] for key in new.values()])
-        for name in names_of(screened):
-            sizes = [result for result in screened if result.candidate.name == name]
-            self._known[new[name]] = sizes if sizes[0].candidate.discontinuous else likeliest(sizes)
+        keys: dict[Hashable, Candidate] = {}
+        for one in (self.candidates[it.name] for it in pool if it.name not in first.effects):
+            sizes = tuple(tuple(size.items()) for size in one.trial_values)
+            keys[first, one.name, sizes] = one
+        new = {key: one for key, one in keys.items() if key not in self._known}
+        screened = _screened_beside(first, new.values())
+        for key, one in new.items():
+            found = [result for result in screened if result.candidate.name == one.name]
+            self._known[key] = found if one.discontinuous else likeliest(found)
         known = chain.from_iterable(self._known[key] for key in keys)
         return sorted(known, key=lambda result: result.left)
 
@@ -508,11 +487,6 @@ def _screened_beside(
 ) -> list[Screened]:
     linear = first.linearised
     return screen((linear,), [_at_likely_sizes(linear, it, most=most) for it in others])
-
-
-def _key(first: FittedModel, candidate: Candidate) -> Hashable:
-    """An effect at its trial values, beside those of a fit."""
-    return first, candidate.name, tuple(tuple(size.items()) for size in candidate.trial_values)
 
 
 def _nearer(candidate: Candidate, model: FittedModel) -> Candidate:

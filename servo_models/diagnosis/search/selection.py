@@ -181,8 +181,7 @@ def stages(every: Sequence[Candidate]) -> list[str]:
     return [it for it in STAGES if some.get(it, True)]
 
 
-Task = tuple[tuple[str, ...], Callable[[], FittedModel]]
-"""Causes, and the fit of them."""
+Task = tuple[tuple[str, ...], Callable[[], FittedModel]]  # causes, and the fit of them
 
 
 class SubsetSelection:
@@ -401,18 +400,16 @@ class SubsetSelection:
         """Fit others in the place of each effect of a model: those that promise to do better; as
         its ``rivals``, and where it leaves noise only, those that may do as well."""
         settings, rivals = self.settings, rivals or model.settled
+        share, most = settings.promised_cost, settings.fits_beside
         if rivals:
             self.exchanged.add(model)
+            share, most = settings.rival_cost, settings.fits_exchanged
+        enough = share * model.cost
         for name in model.effects:
             stays = self.fitter_of(model).at_values(*model.without(name), model.values)
-            if rivals:
-                enough, most = settings.rival_cost * model.cost, settings.fits_exchanged
-            else:
-                enough, most = settings.promised_cost * model.cost, settings.fits_beside
             results = self.screener.again_beside(stays, model, enough)
             others = [result for result in results if result.candidate.name != name]
-            likely = promising(others, enough, most, unlike=not rivals)
-            self.add(stays, likely)
+            self.add(stays, promising(others, enough, most, unlike=not rivals))
             self.widen(stays)
 
     # -- fitting -----------------------------------------------------------------------------------
@@ -504,13 +501,10 @@ class SubsetSelection:
         """Fitted models by so many causes, best first."""
         return [it for it in self.tried() if len(it.causes) == size]
 
-    def loss(self, size: int) -> float:
-        """Loss of the best of them, infinite where there is none."""
-        return min((it.loss for it in self.best(size)), default=inf)
-
     def gains(self, size: int) -> bool:
         """Whether so many causes leave less than fewer do."""
-        return self.loss(size) < (1.0 - self.settings.entry_share) * self.loss(size - 1)
+        left, before = (next((it.loss for it in self.best(n)), inf) for n in (size, size - 1))
+        return left < (1.0 - self.settings.entry_share) * before
 
     def suffices(self, size: int) -> bool:
         """Whether a model by so many causes leaves so little that none joins it."""
@@ -530,11 +524,10 @@ class SubsetSelection:
 
     def as_good(self, starts: Iterable[Promising], count: int | None = None) -> list[Promising]:
         """Those that may do as well as a model that leaves noise only; all where there is none."""
-        least = min((one.cost for one in self.tried() if one.settled), default=-np.inf)
-        enough = inf
-        if np.isfinite(least):
+        settled, enough = [one.cost for one in self.tried() if one.settled], inf
+        if settled:
             share = self.settings.as_good_share
-            enough = self.retuned.cost + share * (least - self.retuned.cost)
+            enough = self.retuned.cost + share * (min(settled) - self.retuned.cost)
         return [(name, likely) for name, likely in starts if likely[0].left < enough][:count]
 
 

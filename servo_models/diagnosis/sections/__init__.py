@@ -9,7 +9,6 @@ from servo_models.data.lag import lag_sentences
 from servo_models.data.parameters import installed_version, parameter_set_of
 from servo_models.diagnosis import document, summary
 from servo_models.diagnosis.ranking import RankedEffect, Value
-from servo_models.diagnosis.residual_map import ResidualMap
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.sections import pictures, tables
 from servo_models.diagnosis.verdict import NOT_IDENTIFIABLE, OUTSIDE, PARAMETERS
@@ -29,6 +28,7 @@ SHAPE = "What is left, as a shape"
 def report(diagnosis: Diagnosis, date: str = "") -> Report:
     """Return the report of a diagnosis."""
     model = diagnosis.model
+    warnings = (f"{text[:1].upper()}{text[1:]}." for text in summary.warnings(diagnosis))
     return Report(
         title=f"{diagnosis.name}: {model.actuator.name}, variant {model.variant}",
         sentence=summary.headline(diagnosis) + summary.rivals(diagnosis),
@@ -36,7 +36,7 @@ def report(diagnosis: Diagnosis, date: str = "") -> Report:
         cards=tuple(_cards(diagnosis)),
         sections=(
             _answer(diagnosis),
-            Section(WARNINGS, items=tuple(_sentences(summary.warnings(diagnosis))), folded=True),
+            Section(WARNINGS, items=tuple(warnings), folded=True),
             _errors(diagnosis),
             _residuals(diagnosis),
             _where(diagnosis),
@@ -65,8 +65,10 @@ def _cards(diagnosis: Diagnosis) -> Iterator[Card]:
         yield from _causes(diagnosis)
         yield Card("before", "\n".join(_before(diagnosis)), None, ANSWER)
     yield Card("left", "\n".join(_left(diagnosis)), None, ERRORS)
-    if diagnosis.residual_map:
-        yield Card("its shape", "\n".join(_shape_in_short(diagnosis.residual_map)), None, SHAPE)
+    if shape := diagnosis.residual_map:
+        with_it, without = number(shape.after, 3), number(shape.before, 3)
+        text = f"{shape.sentence}\n{with_it} noise floors with it, {without} without"
+        yield Card("its shape", text, None, SHAPE)
     asked = diagnosis.next_experiments or diagnosis.repeats_wanted
     yield Card("do next", _to_do(diagnosis), None, NEXT if asked else "")
     count = len(summary.warnings(diagnosis))
@@ -130,11 +132,6 @@ def _left(diagnosis: Diagnosis) -> Iterator[str]:
     for clause in (summary.rest(diagnosis), summary.elsewhere(diagnosis)):
         if clause:
             yield clause.removeprefix("; ")
-
-
-def _shape_in_short(found: ResidualMap) -> Iterator[str]:
-    yield found.sentence
-    yield f"{number(found.after, 3)} noise floors with it, {number(found.before, 3)} without"
 
 
 def _to_do(diagnosis: Diagnosis) -> str:
@@ -383,10 +380,6 @@ def _provenance(diagnosis: Diagnosis) -> Section:
         *{"servo-models": installed_version(), **conditions()}.items(),
     ]
     return Section("Provenance", facts=tuple(fact for fact in facts if fact[1]), folded=True)
-
-
-def _sentences(texts: tuple[str, ...]) -> Iterator[str]:
-    yield from (f"{text[:1].upper()}{text[1:]}." for text in texts)
 
 
 report_of.register(Diagnosis, report)

@@ -36,8 +36,7 @@ from servo_models.report.style import SERIES, colour
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-ROW, MARGIN = 0.44, 0.85
-"""Height of a row of a chart, and of everything else [inch]."""
+ROW, MARGIN = 0.44, 0.85  # height of a row of a chart, and of everything else [inch]
 CURVE = 2.4  # height of a curve of the residual map [inch]
 SIGMAS_95 = 1.96
 PANEL = 1.45  # height of a panel [inch]
@@ -259,11 +258,8 @@ def moved(diagnosis: Diagnosis) -> tuple[Picture, ...]:
 def _draw_moved(diagnosis: Diagnosis, priors: Mapping[str, float], axes: Sequence[Axes]) -> None:
     (panel,) = axes
     names = diagnosis.stages
-    final = (
-        {value.name: value for value in diagnosis.found}
-        if diagnosis.selection.taken.effects
-        else {}
-    )
+    found = diagnosis.found if diagnosis.selection.taken.effects else ()
+    final = {value.name: value for value in found}
     for width, opacity in ((2.0, 0.35), (1.0, 0.55)):
         panel.axvspan(-width, width, color=colour("grid"), alpha=opacity, lw=0, zorder=0)
     farthest = NEAR

@@ -43,10 +43,8 @@ def error(diagnosis: Diagnosis, gap: Gap, value: float, digits: int = 3) -> Quan
 def size(diagnosis: Diagnosis, value: Value) -> Quantity:
     """Return a parameter with its standard error, as a person reads it."""
     parameter = diagnosis.model.plant.parameters[value.name]
-    scale = display_scale(parameter)
-    return Quantity(
-        scale * value.value, display_unit(parameter) or "1", scale * value.standard_error
-    )
+    scale, unit = display_scale(parameter), display_unit(parameter) or "1"
+    return Quantity(scale * value.value, unit, scale * value.standard_error)
 
 
 def likelihood(effect: RankedEffect) -> str:
@@ -71,15 +69,10 @@ def gap(diagnosis: Diagnosis) -> Table:
 
 def _gap(diagnosis: Diagnosis, gap: Gap) -> tuple[Cell, ...]:
     scale, unit = unit_of(diagnosis, gap.output)
-    figures = (
-        Quantity(
-            scale * gap.rms[stage],
-            unit,
-            interval=(scale * gap.intervals[stage][0], scale * gap.intervals[stage][1]),
-            digits=3,
-        )
-        for stage in diagnosis.stages
-    )
+    figures = []
+    for stage in diagnosis.stages:
+        low, high = (scale * end for end in gap.intervals[stage])
+        figures.append(Quantity(scale * gap.rms[stage], unit, interval=(low, high), digits=3))
     return gap.output, *figures, Quantity(scale * gap.floor, unit, digits=2), summary.closed(gap)
 
 
@@ -150,12 +143,9 @@ def curve_units(diagnosis: Diagnosis, one: Curve) -> tuple[tuple[float, str], tu
     """Return factor from SI and unit for people: of what a curve is of, and of its values."""
     assert diagnosis.residual_map is not None
     wires = diagnosis.model.plant.wire
-    (of, of_unit), (scale, unit) = (
-        display(wires[one.wire]),
-        display(wires[diagnosis.residual_map.wire]),
-    )
+    scale, unit = display(wires[diagnosis.residual_map.wire])
     own, unit = prefix(scale * float(np.abs(one.values).max()), unit)
-    return (of, of_unit), (scale * own, unit)
+    return display(wires[one.wire]), (scale * own, unit)
 
 
 def places(diagnosis: Diagnosis) -> Table:

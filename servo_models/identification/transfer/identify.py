@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from servo_models.analysis.statistics import dependence, inflation, rms, whiteness
-from servo_models.core.plant import GreyBox, Wire, unknown
+from servo_models.core.plant import GreyBox, Wire, check_known
 from servo_models.core.simulate import Model
 from servo_models.core.types import Array, Complex
 from servo_models.data.log import Log
@@ -161,10 +161,8 @@ def identify_transfer(
     plant, place = model.plant, f"actuator '{model.actuator.name}'"
     source, output = source or model.actuator.step[0], output or plant.outputs[0]
     inputs = {wire.name: wire for wire in plant.inputs}
-    if source not in inputs:
-        raise UserError(unknown("input", source, inputs, place))
-    if output not in plant.outputs:
-        raise UserError(unknown("output", output, dict.fromkeys(plant.outputs), place))
+    check_known("input", [source], inputs, place)
+    check_known("output", [output], plant.outputs, place)
     rest = inputs[source].rest
     rest = rest if isinstance(rest, float) else 0.0
     chosen_sweeps = [s for s in sweeps if (s.source, s.output) == (source, output)]

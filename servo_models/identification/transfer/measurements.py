@@ -258,8 +258,7 @@ class Sweep:
         return np.concatenate([weighted.real, weighted.imag])
 
 
-Measurement = Record | Sweep
-"""One record or one frequency response."""
+Measurement = Record | Sweep  # one record or one frequency response
 Measurements = Sequence[Measurement]
 
 

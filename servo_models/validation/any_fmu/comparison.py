@@ -18,12 +18,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from servo_models.analysis.statistics import rms
 from servo_models.core.types import Array
 from servo_models.report.numbers import number, plain, prefix, with_unit
 
 RTOL = 0.002  # default value tolerance over the range of the reference [1]
-OF_LARGEST = 1e-6
-"""Rounding of a file with seven digits or 32-bit numbers, over the largest absolute value."""
+OF_LARGEST = 1e-6  # rounding of seven digits or 32-bit numbers, over the largest absolute value
 TIME = 0.001  # default time tolerance over the duration of the run
 STEP_SHARE = 0.6  # largest default time tolerance in communication steps; held inputs cost 0.5
 CONTINUOUS_JUMP = 0.05  # least jump of a continuous output over its range
@@ -208,15 +208,8 @@ class Compared:
 def compare(
     name: str, unit: str, reference: Trace, response: Trace, limits: Allowed, step: float
 ) -> Compared:
-    """Judge one output.
-
-    Args:
-        name, unit: of the output, for the sentences.
-        reference: what is right.
-        response: of the FMU, over the same time.
-        limits: see ``allowed``.
-        step: communication step of the response [s].
-    """
+    """Judge one output within ``limits``, see ``allowed``; ``step`` is the communication step of
+    the response [s]."""
     bad = np.flatnonzero(~np.isfinite(response.values))
     if len(bad):
         when = response.times[bad[0]]
@@ -227,20 +220,10 @@ def compare(
         return Compared(name, unit, *curves, (figure,), plain(fault))
     look = _Look(name, unit, reference, response, limits, step)
     figures = tuple(look.figures())
-    fault = ""
-    if any(figure.passed is False for figure in figures):
-        fault = plain(f"output '{name}' {look.cause(figures)}")
-    return Compared(
-        name,
-        unit,
-        reference,
-        response,
-        look.times,
-        look.low - limits.value,
-        look.high + limits.value,
-        figures,
-        fault,
-    )
+    wrong = any(figure.passed is False for figure in figures)
+    fault = plain(f"output '{name}' {look.cause(figures)}") if wrong else ""
+    tube = (look.times, look.low - limits.value, look.high + limits.value)
+    return Compared(name, unit, reference, response, *tube, figures, fault)
 
 
 class _Look:
@@ -264,6 +247,7 @@ class _Look:
         beyond = self.got - np.clip(self.got, self.low, self.high)
         left_out = np.clip(self.right, low, high) - self.right
         self.beyond = np.where(np.abs(left_out) > np.abs(beyond), left_out, beyond)
+        self.worst = int(np.argmax(np.abs(self.beyond)))
         self.error = self.got - self.right
         self.range = reference.range
 
@@ -280,13 +264,10 @@ class _Look:
     def figures(self) -> Iterable[Measured]:
         """Measure everything; the tube first, then what the difference looks like."""
         value = self.limits.value
-        worst = int(np.argmax(np.abs(self.beyond)))
-        yield Measured(
-            "distance from the tube's middle", abs(float(self.beyond[worst])), value, self.unit
-        )
+        worst = abs(float(self.beyond[self.worst]))
+        yield Measured("distance from the tube's middle", worst, value, self.unit)
         size = self.range or float(np.max(np.abs(self.right))) or 1.0
-        rms = _rms(self.beyond) / size
-        yield Measured("NRMSE", rms, value / size, "1")
+        yield Measured("NRMSE", rms(self.beyond) / size, value / size, "1")
         yield Measured("error at the start", abs(float(self.beyond[0])), value, self.unit)
         yield Measured("error at the end", abs(self._end(self.beyond)), value, self.unit)
         yield from self._events()
@@ -297,7 +278,7 @@ class _Look:
         """Gain, delay and drift of a curve that moves."""
         spread = float(np.std(self.right)) or 1.0
         delay, _ = self.delay()
-        slope = _rms(np.gradient(self.right, self.times))
+        slope = rms(np.gradient(self.right, self.times))
         longest = max(self.limits.time, self.limits.value / slope if slope else math.inf)
         gain, _ = self.gain(self.right + self.beyond)
         yield Measured("gain error", abs(gain - 1.0), self.limits.value / spread, "1")
@@ -308,25 +289,21 @@ class _Look:
     def _events(self) -> Iterable[Measured]:
         """Steps of both curves, matched in order by direction."""
         right, got = self.curves
-        self.matched = matched = match(right.jumps(), got.jumps(LOOSE), self.times[-1])
-        matched.extra[:] = match(got.jumps(), right.jumps(LOOSE), self.times[-1]).missed
-        if not (matched.right or matched.missed or matched.extra):
-            return
-        yield Measured("events missed", float(len(matched.missed)), 0.0, "1")
-        yield Measured("events that are none", float(len(matched.extra)), 0.0, "1")
-        if matched.late:
-            usual = float(np.median(matched.late))
-            longest = self._latest()
-            worst = max(matched.late, key=abs)
-            yield Measured("median lateness of events", abs(usual), longest, "s")
-            most = self.limits.time + STEP_LATE * self.sample
-            yield Measured("largest lateness of an event", abs(worst), most, "s")
-
-    def _latest(self) -> float:
-        """Median lateness of events that passes: a whole step if the reference has finer points."""
+        self.matched = match(right.jumps(), got.jumps(LOOSE), self.times[-1])
+        self.extra = match(got.jumps(), right.jumps(LOOSE), self.times[-1]).missed
+        # a whole step if the reference has finer points
         finer = self.reference.sample < 0.99 * self.sample
         share = STEP_LATE if finer else STEP_SHARE
-        return max(self.limits.time, share * self.sample)
+        self.median_late = max(self.limits.time, share * self.sample)
+        self.latest = self.limits.time + STEP_LATE * self.sample
+        if not (self.matched.right or self.matched.missed or self.extra):
+            return
+        yield Measured("events missed", float(len(self.matched.missed)), 0.0, "1")
+        yield Measured("events that are none", float(len(self.extra)), 0.0, "1")
+        if late := self.matched.late:
+            usual, worst = abs(float(np.median(late))), abs(max(late, key=abs))
+            yield Measured("median lateness of events", usual, self.median_late, "s")
+            yield Measured("largest lateness of an event", worst, self.latest, "s")
 
     # Causes: each a model of the response from the reference, and what it leaves
 
@@ -338,7 +315,7 @@ class _Look:
         times, got = self.times[::every], self.got[::every]
 
         def left(shift: float) -> float:
-            return _rms(got - self.reference.at(times - shift))
+            return rms(got - self.reference.at(times - shift))
 
         longest = SEARCHED * (self.times[-1] - self.times[0])
         count = min(int(longest / self.sample * 2.0) + 1, MOST_SHIFTS)
@@ -354,18 +331,7 @@ class _Look:
 
     def gain(self, got: Array) -> tuple[float, float]:
         """Return the slope of a response over the reference, and what is left."""
-        middle = self.right - self.right.mean()
-        power = float(middle @ middle)
-        slope = float(middle @ (got - got.mean())) / power if power else 1.0
-        left = got - got.mean() - slope * middle
-        return slope, _rms(left)
-
-    def _scaled(self, origin: float) -> tuple[float, float]:
-        """Gain of the response over the reference, both from ``origin`` on, and what is left."""
-        moved = self.right - origin
-        power = float(moved @ moved)
-        slope = float(moved @ (self.got - origin)) / power if power else 1.0
-        return slope, _rms(self.got - origin - slope * moved)
+        return _slope(self.right - self.right.mean(), got - got.mean())
 
     def _part(self) -> Array:
         """Time as a share of the run, from 0 to 1."""
@@ -378,8 +344,9 @@ class _Look:
         """Return what is wrong in words: the cause that explains the difference best."""
         words = self._event_words()
         if self.reference.held:
-            if self.range and self.gain(self.got)[0] < -INVERTED:
-                return f"is inverted: its gain is {number(self.gain(self.got)[0])}"
+            gain, _ = self.gain(self.got)
+            if self.range and gain < -INVERTED:
+                return f"is inverted: its gain is {number(gain)}"
             return words or self._worst_words()
         cause = self._stands_still() or self._starts() or self._best(bool(words)) or words
         if not cause:
@@ -395,7 +362,7 @@ class _Look:
 
         Where events differ as well, a cause has to explain nearly all.
         """
-        whole = _rms(self.error)
+        whole = rms(self.error)
         single = min(self._single(), key=lambda one: one[0])
         if single[0] > ENOUGH * whole and self.range:
             gain, left = self.gain(self.got)
@@ -409,21 +376,21 @@ class _Look:
         """The RMS difference that each cause leaves, and the sentence for it."""
         offset = float(np.mean(self.error))
         yield (
-            _rms(self.error - offset),
+            rms(self.error - offset),
             lambda: f"is {self._value(abs(offset))} too " + ("high" if offset > 0.0 else "low"),
         )
         part = self._part()
         drift = float(part @ self.error) / float(part @ part)
         yield (
-            _rms(self.error - drift * part),
+            rms(self.error - drift * part),
             lambda: f"drifts by {self._value(drift)} over the run",
         )
         if not self.range:
             return
         begin = float(self.right[0])
-        gain, left = self._scaled(0.0)
+        gain, left = _slope(self.right, self.got)
         yield left, lambda: self._gain_words(gain, 0.0)
-        from_begin, left = self._scaled(begin)
+        from_begin, left = _slope(self.right - begin, self.got - begin)
         yield left, lambda: self._gain_words(from_begin, begin)
         delay, left = self.delay()
         yield left, lambda: self._delay_words(delay)
@@ -452,7 +419,7 @@ class _Look:
 
     def _roughness(self) -> float:
         """RMS change of the error from sample to sample over its RMS: 1.4 is white noise."""
-        return _rms(np.diff(self.error)) / (_rms(self.error - self.error.mean()) or 1.0)
+        return rms(np.diff(self.error)) / (rms(self.error - self.error.mean()) or 1.0)
 
     def _gain_words(self, gain: float, origin: float) -> str:
         if abs(gain + 1.0) < 0.05:
@@ -467,7 +434,7 @@ class _Look:
         )
 
     def _delay_words(self, delay: float) -> str:
-        words = f"is {_seconds(abs(delay))} {'late' if delay > 0.0 else 'early'}"
+        words = f"is {_late(delay)}"
         if abs(delay / self.sample - 0.5) < 0.05:
             words += (
                 "; that is half a communication step, as where the reference does not hold inputs"
@@ -476,33 +443,24 @@ class _Look:
 
     def _event_words(self) -> str:
         """Sentence about events that differ, "" for none."""
-        matched = self.matched
-        if matched.missed and not matched.extra:
-            return (
-                f"misses {_count(matched.missed)}, the first at t = {number(matched.missed[0])} s"
-            )
-        if matched.extra and not matched.missed:
-            return (
-                f"has {_count(matched.extra)} that the reference has not, the first at"
-                f" t = {number(matched.extra[0])} s"
-            )
-        if matched.missed:
-            return (
-                f"misses {_count(matched.missed)}, the first at t = {number(matched.missed[0])} s,"
-                f" and has {_count(matched.extra)} that the reference has not, the first at"
-                f" t = {number(matched.extra[0])} s"
-            )
-        if not matched.late:
-            return ""
+        matched, different = self.matched, []
+        for does, events, which in (
+            ("misses", matched.missed, ""),
+            ("has", self.extra, " that the reference has not"),
+        ):
+            if events:
+                count = "an event" if len(events) == 1 else f"{len(events)} events"
+                first = f"the first at t = {number(events[0])} s"
+                different.append(f"{does} {count}{which}, {first}")
+        if different or not matched.late:
+            return ", and ".join(different)
         usual = float(np.median(matched.late))
-        if abs(usual) > self._latest():
-            return f"has its events {_seconds(abs(usual))} {'late' if usual > 0 else 'early'}"
+        if abs(usual) > self.median_late:
+            return f"has its events {_late(usual)}"
         worst = max(matched.late, key=abs)
-        if abs(worst) > self.limits.time + STEP_LATE * self.sample:
-            when = matched.right[matched.late.index(worst)]
-            words = f"{_seconds(abs(worst))} {'late' if worst > 0 else 'early'}"
-            return f"has its event at t = {number(when)} s {words}"
-        return ""
+        when = matched.right[matched.late.index(worst)]
+        late = abs(worst) > self.latest
+        return f"has its event at t = {number(when)} s {_late(worst)}" if late else ""
 
     def _other_words(self) -> str:
         """A difference that no single cause explains."""
@@ -510,7 +468,7 @@ class _Look:
         if np.sum(outside) <= SPIKE:
             return f"leaves the reference for {int(np.sum(outside))} point(s): {self._worst()}"
         if self._roughness() > 1.0:
-            return f"is noisy: it differs by {self._value(_rms(error))} RMS from sample to sample"
+            return f"is noisy: it differs by {self._value(rms(error))} RMS from sample to sample"
         end = self._end(self.beyond)
         if abs(end) > max(self.limits.value, 0.5 * float(np.max(np.abs(error)))):
             right, got = self._end(self.right), self._end(self.got)
@@ -518,20 +476,16 @@ class _Look:
         return self._worst_words()
 
     def _worst_words(self) -> str:
-        worst = int(np.argmax(np.abs(self.beyond)))
         if self.reference.held:
-            return (
-                f"is {self._value(self.got[worst])} instead of {self._value(self.right[worst])}"
-                f" at t = {number(self.times[worst])} s"
-            )
+            right, got = self.right[self.worst], self.got[self.worst]
+            when = number(self.times[self.worst])
+            return f"is {self._value(got)} instead of {self._value(right)} at t = {when} s"
         return f"differs by {self._worst()}"
 
     def _worst(self) -> str:
-        worst = int(np.argmax(np.abs(self.beyond)))
-        return (
-            f"{self._value(abs(float(self.beyond[worst])))} at t = {number(self.times[worst])} s,"
-            f" of {self._value(self.limits.value)} allowed"
-        )
+        distance, when = abs(float(self.beyond[self.worst])), number(self.times[self.worst])
+        allowed = self._value(self.limits.value)
+        return f"{self._value(distance)} at t = {when} s, of {allowed} allowed"
 
     def _value(self, value: float) -> str:
         return with_unit(number(value), self.unit)
@@ -544,7 +498,6 @@ class Matched:
     right: list[float]
     late: list[float]
     missed: list[float]
-    extra: list[float]
 
 
 def match(right: tuple[Array, Array], got: tuple[Array, Array], end: float) -> Matched:
@@ -558,7 +511,7 @@ def match(right: tuple[Array, Array], got: tuple[Array, Array], end: float) -> M
     kinds = [times[sizes > 0.0], times[sizes < 0.0]]
     gaps = [np.diff(kind).min() for kind in kinds if len(kind) > 1]
     reach = 0.5 * min(gaps) if gaps else math.inf
-    matched = Matched([], [], [], [])
+    matched = Matched([], [], [])
     free = np.ones(len(got[0]), dtype=bool)
     for time, size in zip(times, sizes):
         far = np.where(free & (got[1] * size > 0.0), np.abs(got[0] - time), math.inf)
@@ -569,37 +522,19 @@ def match(right: tuple[Array, Array], got: tuple[Array, Array], end: float) -> M
         free[nearest] = False
         matched.right.append(float(time))
         matched.late.append(float(got[0][nearest] - time))
-    matched.extra.extend(got[0][free].tolist())
     latest = max(matched.late, default=0.0)
     while matched.missed and matched.missed[-1] + latest > end:  # it comes after the run
         matched.missed.pop()
     return matched
 
 
-def interchanged(
-    compared: Sequence[Compared], fits: Callable[[Compared, Compared], bool]
-) -> list[tuple[Compared, Compared]]:
-    """Return each two outputs that failed and of which each follows the reference of the other.
-
-    ``fits`` says whether the response of the first meets the reference of the second.
-    """
-    failed = [output for output in compared if not output.passed]
-    return [
-        (output, other)
-        for k, output in enumerate(failed)
-        for other in failed[k + 1 :]
-        if fits(output, other) and fits(other, output)
-    ]
+def _slope(right: Array, got: Array) -> tuple[float, float]:
+    """Slope of a line through 0 that gives one curve from another, and what it leaves."""
+    power = float(right @ right)
+    slope = float(right @ got) / power if power else 1.0
+    return slope, rms(got - slope * right)
 
 
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))
-
-
-def _seconds(time: float) -> str:
-    factor, unit = prefix(time, "s")
-    return f"{number(time * factor, 3)} {unit}"
-
-
-def _count(events: Sequence[float]) -> str:
-    return "an event" if len(events) == 1 else f"{len(events)} events"
+def _late(time: float) -> str:
+    factor, unit = prefix(abs(time), "s")
+    return f"{number(abs(time) * factor, 3)} {unit} {'late' if time > 0.0 else 'early'}"

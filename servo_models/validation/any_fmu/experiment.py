@@ -195,9 +195,8 @@ def _check_start(variable: Variable, value: Any, place: str) -> None:
 
 
 def _of_files(fmu: AnyFmu, reference: Path, inputs: Path | None) -> Experiment:
-    right = _table(fmu, reference, "reference")
     fed = _table(fmu, inputs, "inputs") if inputs else {}
-    return Experiment(f"'{reference}'", right, fed)
+    return Experiment(f"'{reference}'", _table(fmu, reference, "reference"), fed)
 
 
 def _table(fmu: AnyFmu, path: Path, role: str) -> dict[str, Trace]:
@@ -314,17 +313,12 @@ def write_cross_check(
     _write_table(folder / f"{model}_ref.csv", experiment.reference)
     if experiment.inputs:
         _write_table(folder / f"{model}_in.csv", experiment.inputs)
-    given = (
-        float(times[0]),
-        float(times[-1]),
-        float(f"{np.median(np.diff(times)):.12g}"),
-        experiment.solver or 1e-4,
-    )
+    step = float(f"{np.median(np.diff(times)):.12g}")
+    given = (float(times[0]), float(times[-1]), step, experiment.solver or 1e-4)
     lines = [f"{name},{value!r}" for name, value in zip(OPTIONS, given)]
     write_whole(folder / f"{model}_ref.opt", ("\n".join(lines) + "\n").encode())
-    _write_table(
-        folder / f"{model}_out.csv", {name: Trace(times, outputs[name]) for name in outputs}
-    )
+    curves = {name: Trace(times, values) for name, values in outputs.items()}
+    _write_table(folder / f"{model}_out.csv", curves)
 
 
 def _write_table(path: Path, traces: Mapping[str, Trace]) -> None:
@@ -402,23 +396,21 @@ def _of_element(
     reference = _inside(fmu, file, references.get("source", ""))
     if inputs is None and stimuli is not None:
         inputs = _inside(fmu, file, stimuli.get("source", ""))
-    parameters = element.find("Parameters")
-    values = {}
+    parameters, values = element.find("Parameters"), {}
     if parameters is not None:
         values = _parameters(fmu, _inside(fmu, file, parameters.get("source", "")))
-    numbers = {
-        key: float(element.get(key, ""))
-        for key in ("startTime", "stopTime", "stepSize", "tolerance")
-        if element.get(key)
-    }
-    experiment = _of_files(fmu, reference, inputs)
+
+    def number(key: str) -> float | None:
+        text = element.get(key)
+        return float(text) if text else None
+
     return replace(
-        experiment,
+        _of_files(fmu, reference, inputs),
         name=f"experiment '{fmu.clean(element.get('name', ''))}' of the FMU",
-        start=numbers.get("startTime"),
-        stop=numbers.get("stopTime"),
-        step=numbers.get("stepSize"),
-        solver=numbers.get("tolerance", 0.0),
+        start=number("startTime"),
+        stop=number("stopTime"),
+        step=number("stepSize"),
+        solver=number("tolerance") or 0.0,
         values=values,
     )
 

@@ -14,8 +14,7 @@ from servo_models.errors import UserError, did_you_mean
 from servo_models.validation.fmu_subject import OpenFmu, packed
 from servo_models.validation.host_process import LIMITS, Limits
 
-ENUMERATION = {False: "Integer", True: "Int64"}
-"""Type whose functions set and get values of enumerations in FMI 2.0, and in 3.0."""
+ENUMERATION = {False: "Integer", True: "Int64"}  # type of enumerations in FMI 2.0 and 3.0
 REAL = ("Real", "Float64", "Float32")
 NOT_RUN = ("Binary", "Clock")
 
@@ -52,11 +51,7 @@ class Variable:
 
 
 class AnyFmu(OpenFmu):
-    """An FMU of FMI 2.0 or 3.0 for co-simulation, whoever made it.
-
-    Attributes:
-        variables: by name.
-    """
+    """An FMU of FMI 2.0 or 3.0 for co-simulation, whoever made it."""
 
     strict = False  # most public FMUs break some rule, and run
     cure = "write it again with the tool that made it"
@@ -86,10 +81,8 @@ class AnyFmu(OpenFmu):
         self._outputs: list[Variable] = []
 
     def _about(self) -> dict[str, Any]:
-        return {
-            "inputs": [(variable.reference, variable.kind) for variable in self._inputs],
-            "outputs": [(variable.reference, variable.kind) for variable in self._outputs],
-        }
+        sides = {"inputs": self._inputs, "outputs": self._outputs}
+        return {side: [(it.reference, it.kind) for it in some] for side, some in sides.items()}
 
     @property
     def title(self) -> str:
@@ -148,10 +141,8 @@ class AnyFmu(OpenFmu):
         if before != (self._inputs, self._outputs) or interface.canBeInstantiatedOnlyOncePerProcess:
             self.end_process()
         columns = np.column_stack([inputs[name] for name in inputs] or [np.empty((len(times), 0))])
-        starts = [
-            (self.variables[name].reference, self.variables[name].kind, value)
-            for name, value in start.items()
-        ]
+        set_ = {self.variables[name]: value for name, value in start.items()}
+        starts = [(variable.reference, variable.kind, value) for variable, value in set_.items()]
         table = (packed(times), packed(columns))
         return self.rows((len(times), len(outputs)), "run", starts, *table, tolerance)
 

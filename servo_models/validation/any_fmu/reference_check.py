@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
+from itertools import combinations
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -19,7 +19,6 @@ from servo_models.validation.any_fmu.comparison import (
     Trace,
     allowed,
     compare,
-    interchanged,
 )
 from servo_models.validation.any_fmu.experiment import (
     Against,
@@ -73,9 +72,8 @@ class _Run:
         try:
             values = self._run(self.times, self.inputs)
         except FmuError as error:
-            return ReferenceCheck(
-                (failure(REFERENCE, self._where("run"), str(error), self.fmu.name),)
-            )
+            where = self._where("run")
+            return ReferenceCheck((failure(REFERENCE, where, str(error), self.fmu.name),))
         if folder := against.write_cross_check:
             outputs = dict(zip(self.outputs, values.T))
             write_cross_check(self.fmu, self.experiment, self.times, outputs, Path(folder))
@@ -102,13 +100,9 @@ class _Run:
         whole = self.experiment.reference[name]
         begin, end = self.times[0], self.times[-1]
         inside = (whole.times > begin) & (whole.times < end)
-        ends = np.array([begin, end])
-        first, last = whole.at(ends)
-        return replace(
-            whole,
-            times=np.concatenate([[begin], whole.times[inside], [end]]),
-            values=np.concatenate([[first], whole.values[inside], [last]]),
-        )
+        (first, last), between = whole.at(np.array([begin, end])), whole.values[inside]
+        times = np.concatenate([[begin], whole.times[inside], [end]])
+        return replace(whole, times=times, values=np.concatenate([[first], between, [last]]))
 
     def _compared(self, name: str, values: Array, limits: Allowed) -> Compared:
         variable = self.fmu.variables[name]
@@ -173,15 +167,11 @@ class _Run:
 
     def _not_compared(self) -> list[Row]:
         """Outputs that the reference does not have."""
-        left = [
-            variable.name
-            for variable in self.fmu.variables.values()
-            if variable.causality == "output" and variable.name not in self.outputs
-        ]
         note = "the reference has no column of it: not compared"
         return [
             judged(REFERENCE, self._where(name), "figures", None, note=note, subject=self.fmu.name)
-            for name in left
+            for name, variable in self.fmu.variables.items()
+            if variable.causality == "output" and name not in self.outputs
         ]
 
     def _where(self, case: str) -> tuple[str, str, str]:
@@ -197,9 +187,9 @@ def _with_swaps(
         asked = (other.name, other.unit, other.reference, output.response, limits[other.name], step)
         return output.response.held == other.reference.held and compare(*asked).passed
 
-    faults: dict[str, Any] = {}
-    for output, other in interchanged(compared, fits):
-        faults |= dict.fromkeys(
-            (output.name, other.name), f"outputs '{output.name}' and '{other.name}' are swapped"
-        )
+    faults: dict[str, str] = {}
+    for output, other in combinations([one for one in compared if not one.passed], 2):
+        if fits(output, other) and fits(other, output):
+            swapped = f"outputs '{output.name}' and '{other.name}' are swapped"
+            faults |= {output.name: swapped, other.name: swapped}
     return [replace(output, fault=faults.get(output.name, output.fault)) for output in compared]

@@ -17,14 +17,13 @@ from xml.etree import ElementTree
 
 from servo_models.errors import UserError, printable
 from servo_models.report.interchange import conditions
-from servo_models.validation.any_fmu.binaries import Binary, is_universal, read_binary, slices
+from servo_models.validation.any_fmu.binaries import is_universal, read_binary, slices
 from servo_models.validation.any_fmu.fmu import AnyFmu
 from servo_models.validation.archive import check_xml
 from servo_models.validation.host_process import LIMITS, Limits
 from servo_models.validation.rows import FILES, Row, Validation, judged
 
-Found = tuple[str, str, list[str], bool]
-"""Group, check, findings, and whether these are faults."""
+Found = tuple[str, str, list[str], bool]  # group, check, findings, and whether these are faults
 
 MOST_TOLD = 3  # faults of a check that are named at most
 FOLDERS = ("binaries", "sources", "resources", "documentation", "extra", "terminalsAndIcons")
@@ -115,8 +114,11 @@ def _findings(fmu: AnyFmu) -> Iterator[Found]:
 
 
 def _description(fmu: AnyFmu) -> Iterator[Found]:
+    from fmpy.validation import validate_fmu
+
     about, group = fmu.description, "description"
-    yield group, "rules of FMI, by fmpy", _by_fmpy(fmu), True
+    broken = [" ".join(str(problem).split()) for problem in validate_fmu(str(fmu.folder))]
+    yield group, "rules of FMI, by fmpy", broken, True
     yield group, "units without a definition", _units(about), True
     yield group, "value references that clash", _references(fmu), True
     yield group, "start values and bounds", _starts(about), True
@@ -133,12 +135,6 @@ def _description(fmu: AnyFmu) -> Iterator[Found]:
         legal = re.fullmatch(r"[A-Za-z_]\w*", identifier)
         wrong = [] if legal else [f"'{identifier}' is no name of C"]
         yield group, "model identifier", wrong, True
-
-
-def _by_fmpy(fmu: AnyFmu) -> list[str]:
-    from fmpy.validation import validate_fmu
-
-    return [" ".join(str(problem).split()) for problem in validate_fmu(str(fmu.folder))]
 
 
 def _units(about: Any) -> list[str]:
@@ -218,24 +214,18 @@ def _experiment(experiment: Any) -> list[str]:
 
 
 def _archive(fmu: AnyFmu) -> Iterator[Found]:
-    files = [path for path in sorted(fmu.folder.rglob("*")) if path.is_file()]
-    names = {path: path.relative_to(fmu.folder).as_posix() for path in files}
-    strays = [
-        name for name in names.values() if name not in AT_TOP and name.split("/")[0] not in FOLDERS
-    ]
+    paths = [path for path in sorted(fmu.folder.rglob("*")) if path.is_file()]
+    files = {path.relative_to(fmu.folder).as_posix(): path for path in paths}
+    strays = [name for name in files if name not in AT_TOP and name.split("/")[0] not in FOLDERS]
     yield "files", "outside the folders of FMI", strays, False
-    code = [
-        name
-        for path, name in names.items()
-        if not name.startswith(("binaries/", "sources/")) and _is_code(path)
-    ]
+    beside = [name for name in files if not name.startswith(("binaries/", "sources/"))]
+    code = [name for name in beside if _is_code(files[name])]
     yield "files", "code beside the binaries", code, False
-    empty = [name for path, name in names.items() if path.stat().st_size == 0]
-    yield "files", "empty files", empty, False
-    total = sum(path.stat().st_size for path in files)
-    largest = max(files, key=lambda path: path.stat().st_size)
-    size = f"{len(files)} files, {total / 2**20:.2f} MB; the largest is {names[largest]}"
-    yield "files", "size", [size], False
+    sizes = {name: path.stat().st_size for name, path in files.items()}
+    yield "files", "empty files", [name for name, size in sizes.items() if not size], False
+    total, largest = sum(sizes.values()) / 2**20, max(sizes, key=sizes.__getitem__)
+    told = f"{len(files)} files, {total:.2f} MB; the largest is {largest}"
+    yield "files", "size", [told], False
 
 
 def _is_code(path: Path) -> bool:
@@ -292,7 +282,9 @@ def _library(fmu: AnyFmu, platform: str, path: Path) -> Iterator[Found]:
         )
         yield platform, "libraries that a host has to have", foreign, False
         yield platform, "search paths", sorted(binary.search_paths), False
-        yield platform, "asks for", _oldest(binary), False
+        asked = {"glibc": binary.newest_glibc, "macOS": binary.oldest_macos}
+        least = [f"{name} {'.'.join(map(str, it))} or newer" for name, it in asked.items() if it]
+        yield platform, "asks for", least, False
         token = str(fmu.description.guid or "").encode()
         unheard = [] if token in content else ["it is not in the library, which may not check it"]
         yield platform, "token", unheard, False
@@ -313,14 +305,6 @@ def _needed(fmu: AnyFmu) -> list[str]:
     return [prefix + name for name in dict.fromkeys(names)]
 
 
-def _oldest(binary: Binary) -> list[str]:
-    if binary.newest_glibc:
-        return [f"glibc {'.'.join(map(str, binary.newest_glibc))} or newer"]
-    if binary.oldest_macos:
-        return [f"macOS {'.'.join(map(str, binary.oldest_macos))} or newer"]
-    return []
-
-
 # The sources
 
 
@@ -333,15 +317,11 @@ def _sources(fmu: AnyFmu) -> Iterator[Found]:
     except (UserError, ElementTree.ParseError) as error:
         yield "sources", "files that are listed", [str(error)], True
         return
-    absent = [name for name in listed if not _inside(folder, name)]
+    files = {path.resolve() for path in folder.rglob("*") if path.is_file()}
+    absent = [name for name in listed if (folder / name).resolve() not in files]
     yield "sources", "files that are listed and not there", absent, True
     none = [] if listed else ["it has a folder of sources and lists none: nobody can build them"]
     yield "sources", "files that are listed", none, True
-
-
-def _inside(folder: Path, name: str) -> bool:
-    path = (folder / name).resolve()
-    return path.is_relative_to(folder.resolve()) and path.is_file()
 
 
 def _listed(fmu: AnyFmu, folder: Path) -> list[str]:

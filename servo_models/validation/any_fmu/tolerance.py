@@ -64,12 +64,8 @@ class Tolerance:
 
 
 def read_tolerance(path: Path, units: Mapping[str, str], variables: Collection[str]) -> Tolerance:
-    """Read a tolerance file.
-
-    Args:
-        path: the file.
-        units: of the outputs that are compared, by name.
-        variables: of the FMU, which may be given start values.
+    """Read a tolerance file; ``units`` are those of the outputs that are compared, ``variables``
+    may be given start values.
 
     Raises:
         UserError: a key, an output or a variable that there is not, a value of another kind or
@@ -87,8 +83,7 @@ def read_tolerance(path: Path, units: Mapping[str, str], variables: Collection[s
     outputs = {}
     for name in tables:
         section = tables.at(name)
-        section.read(OutputTable, "{ atol = 0.1 }")
-        inner = section.read(OutputTable)
+        inner = section.read(OutputTable, "{ atol = 0.1 }")
         given = {
             "atol": None if inner.atol is None else quantity(section, "atol", units[name] or "1"),
             "rtol": inner.rtol,

@@ -16,8 +16,7 @@ CLOSED = "closed form from tick to tick, with located reversals"
 
 def to_and_fro(times: Array) -> Array:
     """Commanded position [m]: 60 mm there and back in 2 s, at up to 94 mm/s."""
-    path: Array = 0.03 * (1.0 - np.cos(math.pi * times))
-    return path
+    return np.asarray(0.03 * (1.0 - np.cos(math.pi * times)))
 
 
 def cases() -> list[Case]:

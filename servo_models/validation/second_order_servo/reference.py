@@ -31,8 +31,7 @@ CENTRE = 1.5  # pulse at rest [ms]
 DEGREE = math.pi / 180.0
 OUTPUTS = ("angle", "rate", "drive")
 NONE = math.inf
-Regimes = tuple[int, int, int]
-"""Speed limited, acceleration limited, sliding: each -1, 0 or 1."""
+Regimes = tuple[int, int, int]  # speed limited, acceleration limited, sliding: each -1, 0 or 1
 
 
 @dataclass(frozen=True)

@@ -25,8 +25,7 @@ from servo_models.validation.sg90.reference import (
 TIME_CONSTANT = 1.0 - math.exp(-2.0)
 """Fraction of the step at which the paper seems to read its time constants: an inference, since
 two of the three come out with it."""
-PRINTED_TIMES = {0.1: 4.6, 0.18: 2.6, 0.05: 7.5}
-"""Time constant T_SA [s] for each K_f (SG90 paper sec. 6)."""
+PRINTED_TIMES = {0.1: 4.6, 0.18: 2.6, 0.05: 7.5}  # T_SA [s] by K_f (SG90 paper sec. 6)
 PRINTED_OVERSHOOT = 0.0484  # overshoot over the step at K_f = 0.18
 DEGREE = 180.0 / math.pi
 

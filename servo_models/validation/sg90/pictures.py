@@ -19,8 +19,7 @@ from servo_models.validation.sg90.paper import PRINTED_OVERSHOOT, PRINTED_TIMES,
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-COEFFICIENTS = {"_kf018": 0.18, "": 0.1, "_kf005": 0.05}
-"""Feedback coefficient K_f by the ending of the variant's name."""
+COEFFICIENTS = {"_kf018": 0.18, "": 0.1, "_kf005": 0.05}  # K_f by the variant's ending
 SHOWN = 15.0  # duration that is drawn [s]
 STEP = 2.0e-3  # pulse after the step [s]
 CHANGE = 0.5e-3  # size of the step from the pulse at rest [s]

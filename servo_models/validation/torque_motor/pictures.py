@@ -13,6 +13,7 @@ from servo_models.core.simulate import Result, model, simulate
 from servo_models.report.numbers import number, with_unit
 from servo_models.report.sections import Picture, Section
 from servo_models.report.style import colour, label
+from servo_models.validation.torque_motor.cases import NO_STOPS
 from servo_models.validation.torque_motor.reference import DELAY, EQ_12
 
 if TYPE_CHECKING:
@@ -21,13 +22,11 @@ if TYPE_CHECKING:
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-NO_STOPS = {"end_stops.half_range": 0.0}
 FINAL = 3.0004  # angle [deg] at which eq. 12 rests at 40 V
 
 STOP = 3.0  # half range between the stops [deg]
 
-FRACTIONS = {2.80: 0.1, 9.37: 0.632, 20.23: 0.9}
-"""Fraction of the final angle by the time [ms] at which eq. 12 reaches it."""
+FRACTIONS = {2.80: 0.1, 9.37: 0.632, 20.23: 0.9}  # fraction of the final angle by time [ms]
 
 SHOWN = 0.06  # duration that is drawn [s]
 
@@ -87,8 +86,7 @@ def _response(hertz: float) -> complex:
 def _eq_12(hertz: Real) -> Complex:
     s = 2j * np.pi * hertz
     gain, poles = EQ_12
-    response: Complex = gain * np.exp(-DELAY * s) / np.polyval(poles, s)
-    return response
+    return np.asarray(gain * np.exp(-DELAY * s) / np.polyval(poles, s))
 
 
 def _decibel(response: Complex) -> Real:
