@@ -1,6 +1,6 @@
 """Is a fault named where the model is a simulation that is not ours?
 
-    python -m studies foreign_rigs OUT --seed N
+    python -m studies foreign_rigs OUT --seed N          # from a checkout: its FMUs are the tests'
 
 Four simulations: an FMU of FMI 2.0 that takes any step, one of FMI 3.0 that takes steps of 5 ms
 only, both compiled here and without states to restore, a Python function, and a joint of MuJoCo.

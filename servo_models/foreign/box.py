@@ -17,10 +17,13 @@ from typing import Protocol
 
 import numpy as np
 from cachetools import LRUCache
+from numpy.typing import NDArray
 
 from servo_models.core.types import Array
 
 KEPT = 256  # latest answers of a box that are kept
+LEAST_JUMP_IN_SIZES = 1e-3  # of what is sent, within a step, over the size of the input
+LEAST_PART_OF_STEP = 1e-3  # before and after a jump
 Run = Callable[[Array, Array, Array], Array]  # a run of the plant: state, times, inputs -> outputs
 
 
@@ -55,6 +58,7 @@ class Box(Protocol):
         outputs: the reading that is judged first.
         parameters: that may be chosen.
         step: longest time [s] between two points at which it is sent inputs.
+        any_step: shorter ones may have any length.
         stop_time: duration [s] of an experiment that shows what it does.
     """
 
@@ -64,6 +68,7 @@ class Box(Protocol):
     outputs: tuple[Signal, ...]
     parameters: tuple[Signal, ...]
     step: float
+    any_step: bool
     stop_time: float
 
     def run(self, parameters: Mapping[str, float], times: Array, inputs: Array) -> Array:
@@ -106,7 +111,8 @@ class Around:
         grid, rows = finer(times, self.box.step)
         given = np.asarray(inputs, dtype=float)[held(times, grid)].copy()
         given[:, sent:] = 0.0  # what is read says nothing yet
-        answer = self._answer(values, grid, self._sent(run, state.copy(), grid, given))
+        at, command, places = self._sent(run, state.copy(), grid, given)
+        answer = self._answer(values, at, command)[places]
         steps, spans = np.diff(answer, axis=0), np.diff(grid)[:, None]
         # a lag sees the mean of an interval, and at its end a reading is what it is there
         behind = np.repeat(given, 2, axis=0)
@@ -117,17 +123,35 @@ class Around:
         behind[1:-1, sent + read :] = np.repeat(rates, 2, axis=0)
         return np.asarray(run(state, np.repeat(grid, 2), behind)[1::2][rows])
 
-    def _sent(self, run: Run, state: Array, times: Array, inputs: Array) -> Array:
-        """Return what the box is sent from each time to the next, on average, shape (n, sent).
+    def _sent(
+        self, run: Run, state: Array, times: Array, inputs: Array
+    ) -> tuple[Array, Array, NDArray[np.intp]]:
+        """Return when the box is sent something, what it is until the next time, and where
+        ``times`` stand among these.
 
-        Its end alone would be early where it ramps, and late where it jumps in between.
+        It is the mean of what the plant sends from one time to the next, in two parts where that
+        jumps in between, if the box takes any step: mean and ends tell when.
         """
         sent, read = len(self.box.inputs), len(self.box.outputs)
         out = run(state, times, inputs)
         value, total = out[:, read : read + sent], out[:, read + sent :]
-        spans = np.diff(times)[:, None]
-        means = np.divide(np.diff(total, axis=0), spans, out=value[1:].copy(), where=spans > 0.0)
-        return np.vstack([means, value[-1:]])
+        before, after, spans = value[:-1], value[1:], np.diff(times)[:, None]
+        means = np.divide(np.diff(total, axis=0), spans, out=after.copy(), where=spans > 0.0)
+        change = after - before
+        sizes = np.array([signal.size for signal in self.box.inputs])
+        jumps = (np.abs(change) > LEAST_JUMP_IN_SIZES * sizes) & (spans > 0.0) & self.box.any_step
+        part = np.divide(after - means, change, out=np.zeros_like(change), where=jumps)
+        jumps &= (part > LEAST_PART_OF_STEP) & (part < 1.0 - LEAST_PART_OF_STEP)
+        edge = times[:-1, None] + part * spans
+        interval, column = np.nonzero(jumps)
+        order = np.lexsort((edge[interval, column], interval))
+        interval, edges = interval[order], edge[interval, column][order]
+        at = np.insert(times, interval + 1, edges)
+        of = np.insert(np.arange(len(spans)), interval + 1, interval)
+        late = at[:-1, None] >= edge[of]
+        command = np.where(jumps[of], np.where(late, after[of], before[of]), means[of])
+        places = np.arange(len(times)) + np.searchsorted(interval, np.arange(len(times)))
+        return at, np.vstack([command, value[-1:]]), places
 
     def _answer(self, values: Mapping[str, float], times: Array, command: Array) -> Array:
         parameters = {parameter.name: values[parameter.name] for parameter in self.box.parameters}

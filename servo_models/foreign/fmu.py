@@ -40,6 +40,7 @@ class FmuBox:
         experiment = described.defaultExperiment
         self.stop_time = _number(experiment, "stopTime") or STOP
         self.step = _number(experiment, "stepSize") or STEP
+        self.any_step = self._fmu.any_step
         real = [one for one in described.modelVariables if self._fmu.variables[one.name].real]
         self.inputs = tuple(_signal(one) for one in real if one.causality == "input")
         self.outputs = tuple(_signal(one) for one in real if one.causality == "output")
@@ -61,7 +62,7 @@ class FmuBox:
         last = np.append(np.diff(times) > 0.0, True)  # of equal times the last counts
         points, columns = times[last], inputs[last]
         even = points
-        if not self._fmu.any_step and len(points) > 1:
+        if not self.any_step and len(points) > 1:
             count = int(np.ceil((points[-1] - points[0]) / self.step - 1e-9))
             even = points[0] + self.step * np.arange(count + 1.0)
             columns = columns[np.maximum(np.searchsorted(points, even + 1e-12, "right") - 1, 0)]

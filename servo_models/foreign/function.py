@@ -37,6 +37,8 @@ TABLES = ("INPUTS", "OUTPUTS", "PARAMETERS")
 class FunctionBox:
     """See ``box.Box``."""
 
+    any_step = True
+
     def __init__(self, path: Path, name: str) -> None:
         self.path = path
         self._what = f"'{path.name}:{name}'"

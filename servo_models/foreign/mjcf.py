@@ -47,6 +47,8 @@ SLIDE_UNITS = {"damping": "N.s/m", "armature": "kg", "frictionloss": "N"}
 class MjcfBox:
     """See ``box.Box``."""
 
+    any_step = False  # steps are those of the file
+
     def __init__(self, path: Path, joint: str) -> None:
         self.path, self.title = path, f"{path.name}, joint {joint}"
         self.name = re.sub(r"\W+|__+", "_", joint).strip("_") or "joint"

@@ -74,6 +74,7 @@ def test_a_function_alone_gives_what_it_gives(tmp_path: Path) -> None:
     ("effect", "size", "expected"),
     [
         ("transport_delay.time", 0.02, step_of_first_order(TIMES, 0.12, 0.5)),
+        ("transport_delay.time", 0.0213, step_of_first_order(TIMES, 0.1213, 0.5)),
         ("command_gain.error", 0.1, step_of_first_order(TIMES, 0.1, 0.55)),
         ("command_offset.value", 0.0, step_of_first_order(TIMES, 0.1, 0.5)),
         ("sensor_offset.value", 0.01, 0.01 + step_of_first_order(TIMES, 0.1, 0.5)),
@@ -114,13 +115,12 @@ TWO_LAGS = 1.0 - (TAU * np.exp(-SINCE / TAU) - 0.03 * np.exp(-SINCE / 0.03)) / (
             ramp_of_first_order(TIMES, 0.1, 2.0) - ramp_of_first_order(TIMES, 0.35, 2.0),
             3e-4,
         ),
-        ("transport_delay.time", 0.021, step_of_first_order(TIMES, 0.121, 0.5), 2e-3),
     ],
 )
 def test_effects_that_move_within_a_step_are_neither_early_nor_late(
     tmp_path: Path, effect: str, size: float, expected: Array, most: float
 ) -> None:
-    """Half a step, 1 ms, would be 2 to 10 mrad; a jump is placed to a quarter of that."""
+    """Half a step, 1 ms, would be 2 to 10 mrad."""
     chosen = model(first_order(tmp_path), None, {effect: size})
     found = simulate(chosen, TIMES, {"goal": np.where(TIMES >= 0.1, 0.5, 0.0)})
     np.testing.assert_allclose(found["angle"], expected, atol=most)

@@ -76,7 +76,7 @@ class Foreign:
 
     @property
     def times(self) -> Array:
-        return self.step * np.arange(round(self.stop / self.step) + 1)
+        return np.asarray(self.step * np.arange(round(self.stop / self.step) + 1), dtype=np.float64)
 
     def write(self, folder: Path, fault: str = "") -> Path:
         """Write the FMU, with a fault planted in it."""
