@@ -9,12 +9,13 @@ from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Any
 
+from servo_models.data.parameters import write_parameters
 from servo_models.errors import UserError
 from servo_models.files import write_with
 from servo_models.report.numbers import plural
 from servo_models.survey.engine import Done, here, on_cluster
 from servo_models.survey.job import Job, Outcome, failed
-from servo_models.survey.plan import Planned, plan
+from servo_models.survey.plan import Planned, as_name, plan
 from servo_models.survey.result import Survey
 from servo_models.survey.store import Store, key_of, read_outcomes
 
@@ -23,6 +24,7 @@ __all__ = ["Survey", "survey"]
 Tell = Callable[[int, int | None, str], None]
 """Is told how many jobs were done before this one, how many there are, and what came of it; at
 first, without these numbers, what there is to do."""
+COMMON = "common"  # folder of a survey with parameter files
 FIRST_GUESS_SECONDS = 8.0  # that a job takes, before any is done
 POLL_SECONDS = 0.5  # between looks at what another process has in hand
 
@@ -88,7 +90,19 @@ def survey(
     for name, table in (("table", found.table()), ("estimates", found.estimates())):
         write_with(folder / f"{name}.csv", table.write_csv)
         write_with(folder / f"{name}.parquet", table.write_parquet)
+    for joint in dict.fromkeys(joint for _, joint in found.by_place):
+        _write_common(found, joint, folder / COMMON / f"{as_name(joint)}.toml")
     return found
+
+
+def _write_common(found: Survey, joint: str, path: Path) -> None:
+    """Write what all units of a joint have in common, if there are several, and it is known."""
+    if sum(place[1] == joint for place in found.by_place) > 1:
+        try:
+            common = found.common(joint)
+        except UserError:
+            return
+        write_parameters(common, path)
 
 
 class _Work:

@@ -82,6 +82,18 @@ def test_a_job_that_crashes_or_hangs_ends_alone(
     assert says in second.failure
 
 
+def test_parameters_that_units_have_in_common_are_a_file_for_the_other_commands(
+    tmp_path: Path, run: Run
+) -> None:
+    for unit in "ab":
+        shutil.copytree(GIMBAL, tmp_path / "fleet" / unit)
+    survey(tmp_path / "fleet", tmp_path / "out", jobs=2, reports=False)
+    common = tmp_path / "out" / "common" / "gimbal.toml"
+    code, out, _ = run("explain", "--params", common, "--trust")
+    assert code == 0
+    assert "drive_dead_zone" in out  # which both have, so that it belongs to the model
+
+
 def test_what_is_done_is_not_done_again(tmp_path: Path) -> None:
     fleet, out = broken(tmp_path / "fleet", 3), tmp_path / "out"
     survey(fleet, out, jobs=1)
