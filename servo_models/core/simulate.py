@@ -260,12 +260,12 @@ class Model:
             UserError: see ``run``; also a run of more than ``most`` sub-steps.
         """
 
-        def run(state: Array, times: Array, inputs: Array) -> Array:
-            # at steps of the box, of which there are any number between two rows
-            return self._ran(vector, state, times, inputs, math.inf)[0]
+        def run(state: Array, times: Array, inputs: Array, most: float = math.inf) -> Array:
+            return self._ran(vector, state, times, inputs, most)[0]
 
         if self.actuator.inner is None:
-            return run(state, times, inputs)
+            return run(state, times, inputs, most)
+        # a plant around it is run at its steps, of which there are any number between two rows
         values = dict(zip(self.values, vector.tolist()))
         return np.asarray(self.actuator.inner.ran(run, values, state, times, inputs))
 
