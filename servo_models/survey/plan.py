@@ -12,15 +12,15 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from servo_models.data.description import tells_of_logs
+from servo_models.data.description import read_description, tells_of_logs
 from servo_models.data.joints.data_sets import HELD_OUT_PERIOD
 from servo_models.data.joints.drafts import recording, write_joints
 from servo_models.data.readers import is_bag, suffixes
 from servo_models.data.readers.lerobot import is_data_set
-from servo_models.data.scaffold import draft
+from servo_models.data.scaffold import Draft, draft
 from servo_models.data.schema import named_files, quoted
 from servo_models.errors import UserError
-from servo_models.files import read_regular, write_whole
+from servo_models.files import read_regular, scratch, write_whole
 
 DESCRIPTIONS = "descriptions"  # folder of a survey with what it has drafted
 LOG, UNIT, JOINT = "log", "unit", "joint"  # columns of a table of logs; others are conditions
@@ -128,12 +128,30 @@ class _Planner:
         try:
             if not path.exists():
                 made = draft(logs[0], self.actuator)
-                text = _with_runs(made.text(path.parent), logs, path.parent)
+                text = made.text(path.parent)
+                if len(logs) > 1:
+                    usable = [log for log in logs if self.reads(made, log, f"{unit} {joint}")]
+                    # if none can be read, the diagnosis says what has to be completed
+                    text = _with_runs(text, usable or logs, path.parent)
                 write_whole(path, text.encode())
                 self.notes |= {f"{unit} {joint}: {text}": None for text in made.warnings}
         except UserError as error:
             return self.fail(unit, joint, logs[0], error)
         self.jobs.append(Planned(unit, joint, path, conditions))
+
+    def reads(self, made: Draft, log: Path, name: str) -> bool:
+        """Whether a log can be read by a draft; if not, a note says why it is left out."""
+        with scratch() as folder:
+            description = folder / "log.toml"
+            text = _with_runs(made.text(folder), [log], folder)
+            description.write_text(text, encoding="utf-8")
+            try:
+                read_description(description, self.trust)
+            except UserError as error:
+                why = str(error).rpartition(f"{log.name}', ")[2]
+                self.notes[f"{name}: '{log.name}' is left out, since {why}"] = None
+                return False
+        return True
 
     def fail(self, unit: str, joint: str, path: Path, error: UserError) -> None:
         self.jobs.append(Planned(unit, joint, path, failure=str(error)))
@@ -225,9 +243,7 @@ def _texts(path: Path) -> dict[str, list[str]]:
 
 def _with_runs(text: str, logs: Sequence[Path], folder: Path) -> str:
     """A draft of the first log with all of them as its runs, of which some are held out."""
-    return (
-        text if len(logs) == 1 else re.sub(r"(?m)^file = .*$", lambda _: _runs(logs, folder), text)
-    )
+    return re.sub(r"(?m)^file = .*$", lambda _: _runs(logs, folder), text)
 
 
 def _runs(logs: Sequence[Path], folder: Path) -> str:

@@ -54,7 +54,7 @@ MOST_NAMES = 3  # examples of a reason
 ALIKE_SHARE = 0.5  # variation of sizes over their mean, up to which they are alike
 NORMAL_95 = 1.96  # standard errors of an interval of 95 %
 ROW = 0.42  # height of a unit in a picture [inch]
-WORST, WHOSE, LEFT_OUT = "The worst", "Whom causes belong to", "Failed and left out"
+WORST, WHOSE, LEFT_OUT = "The worst", "Whom causes belong to", "Failed, and notes"
 SPECIFIC = re.compile(r"'([^']*)'|\d+(?:\.\d+)?")
 """What differs between reports of one reason."""
 SHARES = ("unit share", "episode share", "rest")
@@ -84,7 +84,7 @@ def _sentence(survey: Survey) -> str:
     counts = Counter(verdict(outcome) for outcome in survey.outcomes)
     told = {NO_GAP: "without a gap", PARAMETERS: "explained by parameters", FAILED: "failed"}
     others = len(survey.outcomes) - sum(counts[kind] for kind in told)
-    parts = [f"{others} of {len(survey.outcomes)} lack an effect" if others else ""]
+    parts = [f"{others} of {len(survey.outcomes)} lack something" if others else ""]
     parts += [f"{counts[kind]} {words}" for kind, words in told.items() if counts[kind]]
     size = f"{plural(units, 'unit')} with {plural(joints, 'joint')}"
     return f"{size}: {', '.join(filter(None, parts))}"
@@ -338,7 +338,7 @@ def _left_out(survey: Survey) -> Iterator[Table]:
     failed = [(it.failure, f"{it.unit}, {it.joint}") for it in survey.outcomes if it.failure]
     quoted = [(note, re.search("'([^']+)'", note)) for note in survey.notes]
     notes = [(note, found[1] if found else "") for note, found in quoted]
-    for title, reasons in (("Failed", failed), ("Left out", notes)):
+    for title, reasons in (("Failed", failed), ("Notes", notes)):
         rows = ((why, len(it), "; ".join(it[:MOST_NAMES])) for why, it in grouped(reasons))
         yield Table(title, ("why", "times", "such as"), tuple(rows))
 

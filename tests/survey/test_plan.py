@@ -79,6 +79,20 @@ def test_rows_of_a_table_with_one_unit_and_joint_are_runs_of_one_description(
     assert text.count("held_out = true") == 1
 
 
+def test_a_log_that_says_nothing_is_left_out_of_its_joint(tmp_path: Path) -> None:
+    for name in "ab":
+        (tmp_path / f"{name}.csv").write_text(CSV)
+    still = "".join(line.rpartition(",")[0] + ",0\n" for line in CSV.splitlines()[1:])
+    (tmp_path / "still.csv").write_text(CSV.splitlines()[0] + "\n" + still)
+    rows = "".join(f"{name}.csv,7,tilt\n" for name in ("a", "still", "b"))
+    (tmp_path / "fleet.csv").write_text(f"log,unit,joint\n{rows}")
+    found = plan(tmp_path / "fleet.csv", tmp_path / "out", "dc_motor")
+    assert found.jobs[0].description.read_text("utf-8").count("file = ") == 2
+    (note,) = (note for note in found.notes if "left out" in note)
+    assert "'still.csv' is left out, since" in note
+    assert "constant over the log" in note
+
+
 @pytest.mark.parametrize(
     ("make", "says"),
     [
