@@ -23,7 +23,7 @@ from servo_models.foreign.child import Child
 from servo_models.survey.job import Job, Outcome, failed, run
 from servo_models.survey.store import digest, files_of
 
-GRACE_FACTOR, GRACE_SECONDS = 3.0, 60.0  # past the time limit of a job, until its process is ended
+GRACE_FACTOR, GRACE_SECONDS = 3.0, 600.0  # past the time limit of a job, until its process is ended
 NO_LIMIT_SECONDS = 24.0 * 3600.0
 CONNECT_SECONDS = 10.0  # in which a scheduler has to answer
 IN_FLIGHT_PER_THREAD = 4  # jobs that a cluster is given at a time
@@ -52,7 +52,7 @@ class Worker:
     def __call__(self, job: Job) -> Done:
         seconds = seconds_allowed(job)
         if self._child is None or self._child.seconds != seconds:
-            self._child = Child(_running, (), seconds, "the diagnosis", "give it a --time-limit")
+            self._child = Child(_running, (), seconds, "the diagnosis", "give it another --time-limit")
         try:
             encoded, page = self._child(job)
         except UserError as error:
