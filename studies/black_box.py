@@ -45,7 +45,8 @@ BORDER = (
 
 def kind(name: str) -> str:
     """Return what an effect is, whatever it is called at its place."""
-    return max((it for it in effects() if f"_{name}".endswith(f"_{it}")), key=len, default=name)
+    known = (*effects(), *BORDER)
+    return max((it for it in known if f"_{name}".endswith(f"_{it}")), key=len, default=name)
 
 
 def boxed(description: Path, folder: Path) -> Path:

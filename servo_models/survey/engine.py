@@ -52,7 +52,9 @@ class Worker:
     def __call__(self, job: Job) -> Done:
         seconds = seconds_allowed(job)
         if self._child is None or self._child.seconds != seconds:
-            self._child = Child(_running, (), seconds, "the diagnosis", "give it another --time-limit")
+            self._child = Child(
+                _running, (), seconds, "the diagnosis", "give it another --time-limit"
+            )
         try:
             encoded, page = self._child(job)
         except UserError as error:
