@@ -25,6 +25,7 @@ from servo_models.survey.store import digest, files_of
 
 GRACE_FACTOR, GRACE_SECONDS = 3.0, 600.0  # past the time limit of a job, until its process is ended
 NO_LIMIT_SECONDS = 24.0 * 3600.0
+POLL_SECONDS = 0.1  # between looks at whether a thread has ended
 CONNECT_SECONDS = 10.0  # in which a scheduler has to answer
 IN_FLIGHT_PER_THREAD = 4  # jobs that a cluster is given at a time
 
@@ -79,13 +80,14 @@ def _encoded(job: Job) -> tuple[bytes, bytes]:
 def here(jobs: Iterator[Job], processes: int) -> Generator[Done, None, None]:
     """Yield jobs as they are done by processes of this machine; a job is taken when one is free."""
     done: queue.SimpleQueue[Done | BaseException | None] = queue.SimpleQueue()
-    taking, workers = threading.Lock(), [Worker() for _ in range(processes)]
+    taking, ended = threading.Lock(), threading.Event()
+    workers = [Worker() for _ in range(processes)]
 
     def work(worker: Worker) -> None:
         try:
             while True:
                 with taking:
-                    job = next(jobs, None)
+                    job = None if ended.is_set() else next(jobs, None)
                 if job is None:
                     break
                 done.put(worker(job))
@@ -93,8 +95,9 @@ def here(jobs: Iterator[Job], processes: int) -> Generator[Done, None, None]:
             done.put(error)
         done.put(None)
 
-    for worker in workers:
-        threading.Thread(target=work, args=(worker,), daemon=True).start()
+    threads = [threading.Thread(target=work, args=(it,), daemon=True) for it in workers]
+    for thread in threads:
+        thread.start()
     try:
         running = processes
         while running:
@@ -106,8 +109,11 @@ def here(jobs: Iterator[Job], processes: int) -> Generator[Done, None, None]:
             else:
                 yield one
     finally:
-        for worker in workers:
-            worker.close()
+        ended.set()
+        for thread, worker in zip(threads, workers):
+            while thread.is_alive():
+                worker.close()  # which ends the job in hand, if it has begun, and then the thread
+                thread.join(POLL_SECONDS)
 
 
 def on_cluster(jobs: Iterator[Job], address: str) -> Generator[Done, None, None]:
