@@ -125,6 +125,8 @@ class Watch:
     def __init__(self, places: tuple[Path, ...], at: int, delay: float) -> None:
         self.places, self.at, self.delay = tuple(map(str, places)), at, delay
         self.seen = 0
+        if delay:  # an alarm ends the process, whatever it is doing
+            signal.signal(signal.SIGALRM, signal.SIG_DFL)
 
     def __call__(self, event: str, arguments: tuple[Any, ...]) -> None:
         if event != "open" and event not in MOMENTS:
@@ -141,7 +143,6 @@ class Watch:
         self.seen += 1
         if self.seen == self.at:
             if self.delay:
-                signal.signal(signal.SIGALRM, signal.SIG_DFL)  # ends it, whatever it is doing
                 signal.setitimer(signal.ITIMER_REAL, self.delay)
             else:
                 os.kill(os.getpid(), signal.SIGKILL)
