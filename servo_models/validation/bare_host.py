@@ -273,6 +273,7 @@ class Instance:
             ctypes.c_size_t(len(clock)),
             *(ctypes.c_void_p(each.buffer_info()[0]) for each in (clock, given, out)),
         )
+        self._held = None  # they are others now
         if told.failed:
             name = calls[{SET: 0, GET: 2}.get(told.failed, 1)]
             why = {ENDS: ENDED, EARLY: f"{REACHED} {told.reached:g} s"}.get(told.failed)

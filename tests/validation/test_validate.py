@@ -115,6 +115,22 @@ def test_what_is_compared_of_an_fmu_equals_its_simulation(fmu_file: FmuFile) -> 
     assert all(row.passed and row.value is not None and row.value <= LIMIT for row in rows)
 
 
+def test_single_steps_and_whole_rows_of_an_fmu_may_take_turns(fmu_file: FmuFile) -> None:
+    """Inputs that were set before the rows are set anew after them."""
+    subject = Subject(fmu_file("dc_motor"))
+    times = np.linspace(0.0, 0.004, 5)
+    inputs = np.zeros((5, len(subject.model.plant.inputs)))
+    inputs[[0, 3], 0], inputs[[1, 2], 0] = 5.0, -5.0
+    expected = subject.model.run(times, inputs)
+    with subject.instance(subject.model.values, 0.0, inputs[0]) as one:
+        one.step(times[0], times[1] - times[0], inputs[0])
+        rows = one.drive(times[:4], inputs[:4], first=1)
+        one.step(times[3], times[4] - times[3], inputs[3])
+        last = one.outputs()
+    subject.close()
+    np.testing.assert_allclose(np.vstack([rows, last]), expected[1:], rtol=1e-9, atol=1e-12)
+
+
 def test_excitation_moves_every_input_within_its_bounds() -> None:
     chosen = model("sg90")
     columns = input_signals(chosen, irregular(241))
