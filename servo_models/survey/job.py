@@ -105,7 +105,7 @@ class Outcome(Document, frozen=True):
     unit: str
     joint: str
     conditions: dict[str, str]
-    description: Annotated[str, about("File, as seen from the folder of the survey.")]
+    description: Annotated[str, about("Name of its file.")]
     actuator: Annotated[str, about("Its name, or the path of its file.")]
     variant: str
     failure: str

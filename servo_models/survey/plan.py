@@ -10,11 +10,12 @@ import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain, count
 from pathlib import Path
 
 from servo_models.data.description import read_description, tells_of_logs
 from servo_models.data.joints.data_sets import HELD_OUT_PERIOD
-from servo_models.data.joints.drafts import recording, write_joints
+from servo_models.data.joints.drafts import as_file, recording, write_joints
 from servo_models.data.readers import is_bag, suffixes
 from servo_models.data.readers.lerobot import is_data_set
 from servo_models.data.scaffold import Draft, draft
@@ -54,6 +55,7 @@ class _Planner:
         drafts: folder for descriptions.
         actuator: what made the logs, None for a guess.
         trust: as for descriptions.
+        units: by the folder of their descriptions.
     """
 
     root: Path
@@ -62,6 +64,7 @@ class _Planner:
     trust: bool
     jobs: list[Planned] = field(default_factory=list)
     notes: dict[str, None] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)
 
     def folder(self, folder: Path, survey: Path) -> None:
         """Add descriptions, recordings and logs without a description, at any depth."""
@@ -91,6 +94,11 @@ class _Planner:
     def inside(self, path: Path) -> str:
         return path.relative_to(self.root).as_posix()
 
+    def place(self, unit: str) -> Path:
+        """Folder for the descriptions of a unit, and of no other whose name is alike."""
+        names = (f"{as_file(unit)}{more}" for more in chain([""], (f"_{n}" for n in count(2))))
+        return self.drafts / next(n for n in names if self.units.setdefault(n, unit) == unit)
+
     def log(self, path: Path, unit: str) -> None:
         """Add each joint of a recording, or a log."""
         try:
@@ -102,7 +110,7 @@ class _Planner:
         unit = path.stem if path.is_file() else path.name
         if path.parent != self.root:
             unit = f"{self.inside(path.parent)}/{unit}"
-        folder = self.drafts / as_name(unit)
+        folder = self.place(unit)
         try:
             told = list(write_joints(recorded, folder, self.actuator, self.trust, keep=True))
         except UserError as error:
@@ -121,10 +129,10 @@ class _Planner:
             self.jobs.append(Planned(unit, joint, logs[0], conditions))
             return
         taken = {job.description for job in self.jobs}
-        path = self.drafts / as_name(unit) / f"{as_name(joint)}.toml"
+        path = self.place(unit) / f"{as_file(joint)}.toml"
         if path in taken:  # two logs of one name, such as a.csv and a.json
             joint = logs[0].name
-            path = path.with_name(f"{as_name(joint)}.toml")
+            path = path.with_name(f"{as_file(joint)}.toml")
         try:
             if not path.exists():
                 made = draft(logs[0], self.actuator)
@@ -206,11 +214,6 @@ def plan(path: Path, survey: Path, actuator: str | None = None, trust: bool = Fa
             f" ({ends})"
         )
     return Plan(tuple(planner.jobs), tuple(planner.notes))
-
-
-def as_name(text: str) -> str:
-    """Return a name as one of a file on every system."""
-    return re.sub(r"[^\w.-]+", "_", text)[:60].strip("._") or "unit"
 
 
 def _is_whole(path: Path) -> bool:

@@ -9,13 +9,14 @@ from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Any
 
+from servo_models.data.joints.drafts import as_file
 from servo_models.data.parameters import write_parameters
 from servo_models.errors import UserError
 from servo_models.files import write_with
 from servo_models.report.numbers import plural
 from servo_models.survey.engine import Done, here, on_cluster
 from servo_models.survey.job import Job, Outcome, failed
-from servo_models.survey.plan import Planned, as_name, plan
+from servo_models.survey.plan import Planned, plan
 from servo_models.survey.result import Survey
 from servo_models.survey.store import Store, key_of, read_outcomes
 
@@ -91,7 +92,7 @@ def survey(
         write_with(folder / f"{name}.csv", table.write_csv)
         write_with(folder / f"{name}.parquet", table.write_parquet)
     for joint in dict.fromkeys(joint for _, joint in found.by_place):
-        _write_common(found, joint, folder / COMMON / f"{as_name(joint)}.toml")
+        _write_common(found, joint, folder / COMMON / f"{as_file(joint)}.toml")
     return found
 
 

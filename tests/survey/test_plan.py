@@ -79,6 +79,16 @@ def test_rows_of_a_table_with_one_unit_and_joint_are_runs_of_one_description(
     assert text.count("held_out = true") == 1
 
 
+def test_units_whose_names_are_alike_as_folders_stay_apart(tmp_path: Path) -> None:
+    for unit in ("a b", "a_b"):
+        (tmp_path / "fleet" / unit).mkdir(parents=True)
+        (tmp_path / "fleet" / unit / "tilt.csv").write_text(CSV)
+    jobs = plan(tmp_path / "fleet", tmp_path / "out", "dc_motor").jobs
+    assert [(job.unit, job.joint) for job in jobs] == [("a b", "tilt"), ("a_b", "tilt")]
+    for job in jobs:
+        assert f"/fleet/{job.unit}/tilt.csv" in job.description.read_text("utf-8")
+
+
 def test_a_log_that_says_nothing_is_left_out_of_its_joint(tmp_path: Path) -> None:
     for name in "ab":
         (tmp_path / f"{name}.csv").write_text(CSV)

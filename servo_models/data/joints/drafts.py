@@ -74,7 +74,7 @@ def write_joints(
     place = folder or path.parent if path.name else whole.parent
     files: dict[Path, Joint] = {}
     for joint in recorded.joints:
-        files[_free(place, stem + _as_file(joint.name), files)] = joint
+        files[_free(place, stem + as_file(joint.name), files)] = joint
     kept = [file for file in files if os.path.exists(file)]
     if kept and not keep:
         raise UserError(f"'{kept[0]}' exists: edit it, remove it, or name a folder with --out")
@@ -108,8 +108,8 @@ def _told(name: str) -> str:
     return printable(name, 60)
 
 
-def _as_file(name: str) -> str:
-    """A name that is one of a file on every system: some count its bytes."""
+def as_file(name: str) -> str:
+    """Return a name as one of a file on every system: some count its bytes."""
     whole = re.sub(r"[^\w.-]+", "_", unicodedata.normalize("NFC", name))
     return whole.encode()[:60].decode(errors="ignore").strip("._") or "joint"
 
