@@ -45,8 +45,10 @@ BORDER = (
 
 def kind(name: str) -> str:
     """Return what an effect is, whatever it is called at its place."""
-    known = (*effects(), *BORDER)
-    return max((it for it in known if f"_{name}".endswith(f"_{it}")), key=len, default=name)
+    for known in (effects(), BORDER):
+        if found := [it for it in known if f"_{name}".endswith(f"_{it}")]:
+            return max(found, key=len)
+    return name
 
 
 def boxed(description: Path, folder: Path) -> Path:

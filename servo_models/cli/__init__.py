@@ -5,8 +5,9 @@ Nothing is computed here, and nothing heavy is imported before a command runs.
 
 from __future__ import annotations
 
+import contextlib
 import io
-import signal
+import os
 import sys
 import traceback
 from collections.abc import Sequence
@@ -36,6 +37,7 @@ from servo_models.cli.validate import validate
 from servo_models.errors import UserError, did_you_mean
 
 EXIT_FAILED = 2  # exit code of a command that could not run
+READ_ENOUGH = 141  # exit status of a program whose reader is gone, as shells tell SIGPIPE
 INTERRUPTED = 130  # exit status that typer gives Ctrl-C, without a message
 USAGE_ERROR: Any = typer.BadParameter.__mro__[2]
 """Base class of all errors of the command line, which typer does not export."""
@@ -106,7 +108,9 @@ app.command()(validate)
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command line and return its exit code; ``arguments`` defaults to the process's."""
     words = list(sys.argv[1:] if arguments is None else arguments)
-    _be_a_good_pipe()
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # print whatever the locale
     with disarmed():
         return _run(words)
 
@@ -118,6 +122,10 @@ def _run(words: list[str]) -> int:
             prog_name="servo-models",
             standalone_mode=False,
         )
+        sys.stdout.flush()
+    except (BrokenPipeError, SystemExit):  # click makes the second of the first; a signal in their
+        # place would end us for a child that is gone, too
+        return _end_without_a_word()
     except (UserError, USAGE_ERROR) as error:
         return _complain(error)
     except (KeyboardInterrupt, typer.Abort) as error:
@@ -131,13 +139,11 @@ def _run(words: list[str]) -> int:
     return _complain("interrupted") if code == INTERRUPTED else int(code or 0)
 
 
-def _be_a_good_pipe() -> None:
-    """End without a word when the reader has seen enough; print whatever the locale."""
-    if hasattr(signal, "SIGPIPE"):
-        signal.signal(signal.SIGPIPE, signal.SIG_DFL)
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="replace")
+def _end_without_a_word() -> int:
+    """The reader of what is printed has seen enough: what is left to print goes nowhere."""
+    with contextlib.suppress(OSError, ValueError):  # a stream without a file
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return READ_ENOUGH
 
 
 def _complain(error: object) -> int:

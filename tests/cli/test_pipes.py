@@ -1,0 +1,47 @@
+"""A reader that has seen enough, and a child that is gone, are two things."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from servo_models.cli import main
+from servo_models.errors import UserError
+from servo_models.foreign.child import Child
+
+PRINTS_FOR_EVER = """
+import sys
+from servo_models import cli
+cli.app.command(name="print")(lambda: [print("a line") for _ in iter(int, 1)])
+sys.exit(cli.main(["print"]))
+"""
+
+
+def test_a_command_ends_without_a_word_when_its_reader_has_seen_enough() -> None:
+    words = [sys.executable, "-c", PRINTS_FOR_EVER]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        assert process.stdout.readline() == b"a line\n"
+        process.stdout.close()
+        assert process.wait(30) == 128 + signal.SIGPIPE
+        assert process.stderr.read() == b""
+
+
+def _answers() -> object:
+    return abs
+
+
+def test_a_child_that_is_gone_does_not_end_a_command(capsys: pytest.CaptureFixture[str]) -> None:
+    main(["list"])
+    child = Child(_answers, (), 30.0, "the child")
+    assert child(-1) == 1
+    child.close()
+    assert child._process is not None
+    child._process.wait(30)
+    with pytest.raises(UserError, match="ended its process"):
+        child(-1)
+    assert child(-2) == 2
