@@ -25,6 +25,7 @@ KEPT = 256  # latest answers of a box that are kept
 HELD_BEFORE = 1.0  # s for which the first row was sent before a run begins
 LEAST_JUMP_IN_SIZES = 1e-3  # of what is sent, within a step, over the size of the input
 LEAST_PART_OF_STEP = 1e-3  # before and after a jump
+ROUNDING_IN_SIZES = 1e-9  # of a mean, over the size of the input
 Run = Callable[[Array, Array, Array], Array]  # a run of the plant: state, times, inputs -> outputs
 
 
@@ -142,6 +143,8 @@ class Around:
         means = np.divide(np.diff(total, axis=0), spans, out=after.copy(), where=spans > 0.0)
         change = after - before
         sizes = np.array([signal.size for signal in self.box.inputs])
+        # what is held stays what it is, so that an input on its bound does not leave it
+        means = np.where(np.abs(means - after) <= ROUNDING_IN_SIZES * sizes, after, means)
         jumps = (np.abs(change) > LEAST_JUMP_IN_SIZES * sizes) & (spans > 0.0) & self.box.any_step
         part = np.divide(after - means, change, out=np.zeros_like(change), where=jumps)
         jumps &= (part > LEAST_PART_OF_STEP) & (part < 1.0 - LEAST_PART_OF_STEP)

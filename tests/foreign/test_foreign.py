@@ -136,6 +136,25 @@ def test_rows_far_apart_cost_a_box_no_effort_that_counts(tmp_path: Path) -> None
     np.testing.assert_allclose(found, step_of_first_order(times, 0.0, 0.5), atol=1e-12)
 
 
+WHAT_IS_SENT = """
+INPUTS = {"goal": "90 deg"}
+OUTPUTS = {"angle": "90 deg"}
+PARAMETERS = {"time_constant": "50 ms"}
+
+def simulate(parameters, times, inputs):
+    return {"angle": inputs["goal"]}
+"""
+
+
+def test_a_box_is_sent_what_is_held_to_the_last_digit(tmp_path: Path) -> None:
+    """Means that rounding moves may leave the bounds of an input."""
+    boxed = model(first_order(tmp_path, WHAT_IS_SENT))
+    times = np.arange(0.0, 20.0, 0.003)
+    found = simulate(boxed, times, {"goal": np.full(len(times), 0.7)})
+    assert set(found["sent_goal"]) == {0.7}
+    assert set(found["angle"]) == {0.7}
+
+
 @given(st.lists(st.floats(0.0, 0.02), min_size=1, max_size=30), st.floats(1e-4, 5e-3))
 def test_a_finer_grid_holds_every_time_and_no_longer_step(steps: list[float], step: float) -> None:
     times = np.concatenate([[0.0], np.cumsum(steps)])
