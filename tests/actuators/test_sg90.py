@@ -7,6 +7,7 @@ import pytest
 from scipy.signal import lsim
 
 from servo_models.core.simulate import model, simulate
+from servo_models.core.types import Array
 
 PULSE = 2.4e-3
 
@@ -79,3 +80,43 @@ def test_a_servo_as_fast_as_a_real_one_and_the_sensors_on_its_horn() -> None:
     assert np.abs(moved["angle_reading"] - (1.1 * moved["angle"] - 0.05)).max() <= 0.005 + 1e-12
     codes = moved["angle_reading"] / 0.01
     np.testing.assert_allclose(codes, np.round(codes), atol=1e-9)
+
+
+class TestAirframe:
+    """The servo that a larger model loads, drives too far, or does not drive."""
+
+    TIMES = np.arange(0.0, 3.0, 1e-3)
+    DATA_SHEET_STALL = 1.8 * 9.80665e-2  # kg cm -> N m, at 4.8 V
+    FRICTION, INERTIA = 0.00355, 0.0347 * 0.1765 / (51.1 * 4.8 / 24.0)
+
+    def angle(self, pulse: float, load: float = 0.0, supply: float = 5.0) -> Array:
+        given = {"pulse_width": pulse, "load_torque": load, "supply_voltage": supply}
+        return simulate(model("sg90", "airframe"), self.TIMES, given)["angle"]
+
+    @pytest.mark.parametrize(("pulse", "load"), [(5e-3, 0.0), (1.472e-3, -0.5), (0.0, -0.05)])
+    def test_whatever_drives_it_ends_at_the_travel_of_the_data_sheet(
+        self, pulse: float, load: float
+    ) -> None:
+        furthest = np.degrees(np.abs(self.angle(pulse, load)).max())
+        assert furthest == pytest.approx(90.0, abs=5.0 + 1e-9)
+
+    def test_without_pulses_a_load_turns_it_as_newton_says(self) -> None:
+        load = 0.02
+        moved = simulate(
+            model("sg90", "airframe", {"transport_delay.time": 0.0}),
+            self.TIMES[:300],
+            {"pulse_width": 0.0, "load_torque": load},
+        )
+        acceleration = (load - self.FRICTION) / self.INERTIA
+        expected = -0.5 * acceleration * self.TIMES[:300] ** 2
+        # the supply stays on, so nothing but the pulses is missing
+        np.testing.assert_allclose(moved["angle"], expected, atol=2e-3 * np.abs(expected).max())
+        assert np.all(moved["motor_voltage"] == 0.0)
+
+    def test_without_pulses_friction_holds_a_small_load(self) -> None:
+        assert np.all(self.angle(0.0, 0.9 * self.FRICTION) == 0.0)
+
+    @pytest.mark.parametrize(("share", "lifts"), [(0.9, True), (1.1, False)])
+    def test_it_stalls_where_the_data_sheet_says(self, share: float, lifts: bool) -> None:
+        angle = self.angle(2.4e-3, share * self.DATA_SHEET_STALL, 4.8)
+        assert bool(angle[-1] > angle[len(angle) // 2]) is lifts

@@ -145,7 +145,10 @@ def test_a_load_that_only_the_engine_has_is_refused() -> None:
 def test_variants_whose_angle_is_not_that_of_the_shaft_or_that_are_loaded_are_left_out() -> None:
     """The SG90 paper counts radians of the shaft as degrees of the output."""
     servo = actuator("sg90")
-    assert [variant.name for variant in actuator("sg90_torque").variants] == ["measured"]
+    assert [variant.name for variant in actuator("sg90_torque").variants] == [
+        "measured",
+        "airframe",
+    ]
     with pytest.raises(UserError, match="angle_unit"):
         model("sg90_torque", None, {"angle_unit": 0.5})
     measured = servo.variant("measured")

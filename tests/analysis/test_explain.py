@@ -70,7 +70,8 @@ def test_values_stand_in_the_unit_a_person_reads() -> None:
 
 def test_the_chain_shows_the_equations_that_run() -> None:
     rows = {row[0]: row for table in explain("sg90").tables for row in table.rows}
-    assert rows["error"][1] == "command_voltage - feedback_coefficient * feedback_voltage"
+    asked = "potentiometer_gain * (command_angle + rest_angle)"
+    assert rows["error"][1] == f"feedback_coefficient * ({asked} - feedback_voltage)"
     assert "Fig. 5" in rows["error"][2]
     assert rows["angle, rate"][1] == "shaft_angle, shaft_rate"
 

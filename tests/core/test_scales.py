@@ -79,7 +79,7 @@ def test_the_bounds_of_the_catalogue_are_those_before() -> None:
 
 
 def test_rate_limits_of_the_catalogue_are_those_before() -> None:
-    for name, typical in (("sg90", 2.0), ("linear_drive", 20.0), ("torque_motor", 20.0)):
+    for name, typical in (("sg90", 20.0), ("linear_drive", 20.0), ("torque_motor", 20.0)):
         plant = actuator(name).plant
         scale = plant.wire[plant.main_wire("rate_limit")].scale
         param = plant.parameters["rate_limit.rate"].param

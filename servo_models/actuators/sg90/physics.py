@@ -57,9 +57,21 @@ def rest_angle(
         float,
         Param("V/rad", "potentiometer k_FS", default=1.4324, low=0.01, high=50.0, display="V/deg"),
     ],
+    middle_pulse: Annotated[
+        float,
+        Param(
+            "s",
+            "pulse at which the reported angle is 0",
+            default=REST_PULSE,
+            low=1e-3,
+            high=2e-3,
+            display="us",
+            fixed=True,
+        ),
+    ],
 ) -> float:
-    """Angle [rad] of the potentiometer at a pulse of 1.5 ms, where the reported angle is 0."""
-    rest_voltage = reference_voltage * REST_PULSE / frame_time
+    """Angle [rad] of the potentiometer where the reported angle is 0."""
+    rest_voltage = reference_voltage * middle_pulse / frame_time
     return rest_voltage / (feedback_coefficient * potentiometer_gain)
 
 
@@ -75,6 +87,17 @@ def command_voltage(pulse_width: float, reference_voltage: float, frame_time: fl
     return reference_voltage * pulse_width / frame_time
 
 
+@block("command_angle", source="the angle at which the comparator is at 0")
+def commanded_angle(
+    command_voltage: float,
+    feedback_coefficient: float,
+    potentiometer_gain: float,
+    rest_angle: float,
+) -> float:
+    """Angle [rad] that is asked for."""
+    return command_voltage / (feedback_coefficient * potentiometer_gain) - rest_angle
+
+
 @block(source=f"{PAPER} Fig. 6")
 def feedback_voltage(angle: float, rest_angle: float, potentiometer_gain: float) -> float:
     """Voltage [V] of the potentiometer."""
@@ -82,18 +105,45 @@ def feedback_voltage(angle: float, rest_angle: float, potentiometer_gain: float)
 
 
 @block(source=f"{PAPER} Fig. 5")
-def error(command_voltage: float, feedback_voltage: float, feedback_coefficient: float) -> float:
+def error(
+    command_angle: float,
+    feedback_voltage: float,
+    feedback_coefficient: float,
+    potentiometer_gain: float,
+    rest_angle: float,
+) -> float:
     """Comparator [V]."""
-    return command_voltage - feedback_coefficient * feedback_voltage
+    return feedback_coefficient * (
+        potentiometer_gain * (command_angle + rest_angle) - feedback_voltage
+    )
+
+
+@block("driven", source="hobby servos give no torque until pulses come")
+def pulse_detector(
+    pulse_width: float,
+    shortest_pulse: Annotated[
+        float,
+        Param(
+            "s",
+            "the motor gives no torque while the pulse is shorter, 0: it always does",
+            high=1e-3,
+            display="us",
+            fixed=True,
+        ),
+    ],
+) -> float:
+    """1 while there are pulses, else 0."""
+    return 1.0 if pulse_width >= shortest_pulse else 0.0
 
 
 @block("motor_voltage", source=f"{PAPER} sec. 4.2")
 def amplifier(
     error: float,
+    driven: float,
     amplifier_gain: Annotated[float, Param("1", "amplifier gain K_AP", low=0.1, high=1e3)],
 ) -> float:
     """Voltage [V] that the amplifier would give without any limit."""
-    return amplifier_gain * error
+    return driven * amplifier_gain * error
 
 
 @block("motor_speed")
@@ -180,10 +230,19 @@ def motor_curve(
 
 @block("torque", source=f"{PAPER} eq. 6 (model 2)")
 def motor_lag(
-    free_speed: float, motor_speed: float, no_load_speed: float, stall_torque: float
+    free_speed: float,
+    motor_speed: float,
+    no_load_speed: float,
+    stall_torque: float,
+    driven: float,
+    load: float,
 ) -> float:
-    """Torque [N m] on the output; over the equivalent inertia it is (F - omega) / (24 T)."""
-    return stall_torque / no_load_speed * (free_speed - motor_speed)
+    """Torque [N m] on the output; over the equivalent inertia it is (F - omega) / (24 T).
+
+    ``free_speed`` holds the load, which is all that turns a motor without current.
+    """
+    lag = driven * stall_torque / no_load_speed * (free_speed - motor_speed)
+    return lag - (1.0 - driven) * load
 
 
 @block(source=f"{PAPER} sec. 6: rad/s over 24, counted as degrees/s")

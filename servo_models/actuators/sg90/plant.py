@@ -35,6 +35,7 @@ WIRES = (
     Wire("angle", "rad", "angle of the output, 0 at 1.5 ms", scale=HALF_RANGE, display="deg"),
     Wire("rate", "rad/s", "rate of the output", scale=RATE, display="deg/s"),
     Wire("command_voltage", "V", "voltage of the command", scale=0.6, rest=0.375),
+    Wire("command_angle", "rad", "angle that is asked for", scale=HALF_RANGE, display="deg"),
     Wire("feedback_voltage", "V", "voltage of the potentiometer", scale=6.0, rest=3.75),
     Wire("motor_voltage", "V", "voltage on the motor", scale=5.0),
     Wire("loaded_voltage", "V", "motor voltage left after the load", scale=5.0),
@@ -63,15 +64,11 @@ COMMAND: tuple[Block | Placement, ...] = (
     *effects_on("travel", "end_stops"),
     input_scale("load_gain", "load_torque"),
     *effects_on("pulse_width", "transport_delay", "command_lag", "sample_hold", "dead_band"),
+    servo.pulse_detector,
     servo.command_voltage,
-    *effects_on(
-        "command_voltage",
-        "command_quantisation",
-        "gain_error",
-        "command_offset",
-        "rate_limit",
-        rate={"typical": 2.0},
-    ),
+    *effects_on("command_voltage", "command_quantisation", "gain_error", "command_offset"),
+    servo.commanded_angle,
+    *effects_on("command_angle", "rate_limit"),
 )
 LOOP: tuple[Block | Placement, ...] = (
     *residual_curves("pulse_width"),

@@ -12,6 +12,11 @@ counts as a degree of the horn, with pulses of 544 us at 0 and 2400 us at 180 de
 (the Arduino library that commanded it).  The delay holds half of the 20 ms frame in which
 pulses come.
 
+*airframe* is the same servo for a larger model, in which it is loaded, driven too far, or not driven
+at all: friction as the same steps show it (0.00355 +- 0.0009 N m), stops 95 degrees to either side
+of the middle of those pulses (data sheet: 90, but the steps overshoot 0), no torque without pulses.
+It meets the held-out steps to 4.51 counts.
+
 *printed*, *linear* and *oscillatory_motor* are those of S. Kochuk et al., "Methodology of synthesis
 nonlinear mathematical model of a servo" (the *SG90 paper*).
 """
@@ -19,11 +24,14 @@ nonlinear mathematical model of a servo" (the *SG90 paper*).
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
-from servo_models.actuators.sg90.plant import HALF_RANGE, OSCILLATORY_PLANT, PAPER_PLANT
+from servo_models.actuators.sg90.plant import HALF_RANGE, OSCILLATORY_PLANT, PAPER_PLANT, PLANT
 from servo_models.core.plant import Variant
 
-PULSE_PER_ANGLE = (2400e-6 - 544e-6) / math.pi  # seconds of pulse per radian
+PULSES = (544e-6, 2400e-6)  # s, that ask for 0 and 180 degrees
+PULSE_PER_ANGLE = (PULSES[1] - PULSES[0]) / math.pi  # seconds of pulse per radian
+MIDDLE_PULSE = 0.5 * sum(PULSES)
 FEEDBACK = 0.1  # feedback coefficient K_f
 SUPPLY = 5.0  # V
 FRAME = 0.02  # s
@@ -54,6 +62,27 @@ MEASURED = Variant(
     },
     stop_time=1.0,
     step_size=1e-3,
+)
+
+AIRFRAME = replace(
+    MEASURED,
+    name="airframe",
+    about="the measured servo with end stops and friction, limp without pulses: for a larger model",
+    values={
+        **MEASURED.values,
+        "middle_pulse": MIDDLE_PULSE,
+        "shortest_pulse": 400e-6,
+        "end_stops.half_range": math.radians(95.0),
+        "coulomb_friction.level": 0.00355,
+    },
+    source="gyro log of 52 steps, and their friction; stall torque and travel: data sheet",
+    plant=PLANT.rated(
+        rests={
+            "pulse_width": MIDDLE_PULSE,
+            "command_voltage": SUPPLY * MIDDLE_PULSE / FRAME,
+            "feedback_voltage": SUPPLY * MIDDLE_PULSE / FRAME / FEEDBACK,
+        }
+    ),
 )
 
 TIME_CONSTANT = 1.0 / 1.307  # s
@@ -129,4 +158,4 @@ OSCILLATORY = Variant(
     warning="rejected by the paper: the motor is undamped",
 )
 
-VARIANTS = (MEASURED, *published(), OSCILLATORY)
+VARIANTS = (MEASURED, AIRFRAME, *published(), OSCILLATORY)

@@ -9,7 +9,7 @@ servo that people have.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -272,16 +272,17 @@ class RealServo:
     start: ClassVar[Sequence[float]] = (0.0, 0.0)
     scale: ClassVar[Sequence[float]] = (1.6, 250.0)
     longest_step: ClassVar[float] = 2e-3
+    rest: ClassVar[float] = REST
 
     def __call__(self, times: Array, inputs: Mapping[str, Array]) -> dict[str, Array]:
         """Response with located events; inputs pulse_width, load_torque, supply_voltage."""
-        pulses = changes(times, inputs["pulse_width"], REAL_DELAY, REST)
+        pulses = changes(times, inputs["pulse_width"], REAL_DELAY, self.rest)
         others = [changes(times, inputs[name]) for name in ("load_torque", "supply_voltage")]
         return _named(follow(self, times, [pulses, *others]))
 
     def wanted(self, x: Array, u: Values) -> float:
         """Voltage [V] that the amplifier would give without a limit."""
-        return REAL_A * (VOLTS_PER_SECOND * (u[0] - REST) - REAL_BACK * float(x[0]))
+        return REAL_A * (VOLTS_PER_SECOND * (u[0] - self.rest) - REAL_BACK * float(x[0]))
 
     def enter(self, x: Array, u: Values) -> tuple[Key, Array]:
         """At either limit, or between."""
@@ -310,6 +311,80 @@ class RealServo:
         limit = abs(u[2])
         volts = min(max(self.wanted(x, u), -limit), limit)
         angle, speed = float(x[0]), float(x[1])
-        feedback = (VOLTS_PER_SECOND * REST + REAL_BACK * angle) / 0.1
+        feedback = (VOLTS_PER_SECOND * self.rest + REAL_BACK * angle) / 0.1
         full = 1.0 if abs(volts) >= limit else 0.0
         return angle, speed / GEAR, feedback, volts, speed, full
+
+
+STILL = "still"
+FRICTION = 0.00355  # dry friction [N m]
+SLOWING = FRICTION * REAL_G * REAL_VOLTS_PER_LOAD / REAL_T  # of the motor by it [rad/s2]
+TRAVEL = 95.0 * DEGREE  # to either side [rad]
+FEWEST = 400e-6  # a shorter pulse is none [s]
+
+
+class Airframe(RealServo):
+    """That servo between stops that it hits without a bounce, with dry friction, and without torque
+    where there are no pulses.  A regime is a drive and a direction of motion.
+    """
+
+    rest: ClassVar[float] = 0.5 * (544e-6 + 2400e-6)
+
+    def wanted(self, x: Array, u: Values) -> float:
+        """Voltage [V] that the amplifier would give without a limit."""
+        return super().wanted(x, u) if u[0] >= FEWEST else 0.0
+
+    def pull(self, drive: str, x: Array, u: Values) -> float:
+        """Acceleration [rad/s^2] of the motor without friction."""
+        loss = REAL_G * REAL_VOLTS_PER_LOAD * u[1]
+        if u[0] < FEWEST:
+            return -loss / REAL_T
+        limit = abs(u[2])
+        volts = {"low": -limit, "high": limit}.get(drive, self.wanted(x, u))
+        return (REAL_G * volts - loss - float(x[1])) / REAL_T
+
+    def enter(self, x: Array, u: Values) -> tuple[Key, Array]:
+        """The drive, and which way it moves."""
+        drive = str(super().enter(x, u)[0])
+        if x[1] != 0.0:
+            return f"{drive} {'up' if x[1] > 0.0 else 'down'}", x
+        return self.from_standstill(drive, x, u)
+
+    def from_standstill(self, drive: str, x: Array, u: Values) -> tuple[Key, Array]:
+        """It stays where friction or a stop holds it."""
+        pull = self.pull(drive, x, u)
+        at_stop = abs(x[0]) >= TRAVEL and pull * x[0] > 0.0
+        if at_stop or abs(pull) <= SLOWING:
+            return STILL, x
+        return f"{drive} {'up' if pull > 0.0 else 'down'}", x
+
+    def regime(self, key: Key, u: Values) -> Regime:
+        """At rest until something changes, or moving with one drive."""
+        if key == STILL:
+            return Regime(lambda x: (0.0, 0.0))
+        drive, way = str(key).split()
+        sign, limit = (1.0 if way == "up" else -1.0), abs(u[2])
+
+        def rates(x: Array) -> tuple[float, float]:
+            return float(x[1]) / GEAR, self.pull(drive, x, u) - sign * SLOWING
+
+        def halted(x: Array) -> tuple[Key, Array]:
+            return self.from_standstill(drive, np.array([x[0], 0.0]), u)
+
+        def struck(x: Array) -> tuple[Key, Array]:
+            return self.from_standstill(drive, np.array([sign * TRAVEL, 0.0]), u)
+
+        def now(other: str) -> Callable[[Array], tuple[Key, Array]]:
+            return lambda x: (f"{other} {way}", x)
+
+        exits = [
+            Exit(lambda x: sign * float(x[1]), 250.0, halted),
+            Exit(lambda x: TRAVEL - sign * float(x[0]), TRAVEL, struck),
+        ]
+        if drive == "free":
+            exits.append(Exit(lambda x: limit + self.wanted(x, u), 1.0, now("low")))
+            exits.append(Exit(lambda x: limit - self.wanted(x, u), 1.0, now("high")))
+        else:
+            inward = -1.0 if drive == "low" else 1.0
+            exits.append(Exit(lambda x: inward * self.wanted(x, u) - limit, 1.0, now("free")))
+        return Regime(rates, tuple(exits))
