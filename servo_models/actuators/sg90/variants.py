@@ -12,10 +12,10 @@ counts as a degree of the horn, with pulses of 544 us at 0 and 2400 us at 180 de
 (the Arduino library that commanded it).  The delay holds half of the 20 ms frame in which
 pulses come.
 
-*airframe* is the same servo for a larger model, in which it is loaded, driven too far, or not driven
-at all: friction as the same steps show it (0.00355 +- 0.0009 N m), stops 95 degrees to either side
-of the middle of those pulses (data sheet: 90, but the steps overshoot 0), no torque without pulses.
-It meets the held-out steps to 4.51 counts.
+*airframe* is the same servo for a larger model, in which it is loaded, driven too far, or not at
+all: friction as the same steps show it (0.00355 +- 0.0009 N m), stops 95 degrees to either side of
+the middle of those pulses (data sheet: 90, but the steps overshoot 0), no torque without pulses.  It
+meets the held-out steps to 4.51 counts.
 
 *printed*, *linear* and *oscillatory_motor* are those of S. Kochuk et al., "Methodology of synthesis
 nonlinear mathematical model of a servo" (the *SG90 paper*).
