@@ -74,6 +74,8 @@ class Content(NamedTuple):
     high: list[float]
     flags: frozenset[int]
     """Value references of Boolean variables; the others are Real."""
+    checked: list[tuple[float, float, str]]
+    """Of every input, or of none: where it was compared with measurements, what beyond means."""
 
 
 class RefusedError(RuntimeError):
@@ -142,7 +144,7 @@ class Servo(Fmi2Slave):  # type: ignore[misc]
         self.longest = 0.0  # communication step [s]
         self.furthest = 0.0  # end of a step from time 0 [s]
         self.trouble = ""  # what has failed, until reset or a restored state
-        self.warned: set[int] = set()  # of which notices
+        self.warned: set[str] = set()  # in which words
 
     @property
     def begun(self) -> bool:
@@ -200,7 +202,7 @@ class Servo(Fmi2Slave):  # type: ignore[misc]
             self.refuse_step(current_time, step_size)
         self.advance(self.x, current_time, step_size)
         self.time = end
-        if self.content.flat.notices:
+        if self.content.flat.notices or self.content.checked:
             self.warn()
         return True
 
@@ -313,9 +315,13 @@ class Servo(Fmi2Slave):  # type: ignore[misc]
 
     def warn(self) -> None:
         """Tell the host, once, of what a run that goes on has noticed."""
-        for place, text in noticed(self.content.flat, self.x).items():
-            if place not in self.warned:
-                self.warned.add(place)
+        texts = [*noticed(self.content.flat, self.x).values()]
+        for value, (low, high, text) in zip(self.values, self.content.checked):
+            if not low <= value <= high:
+                texts.append(text)
+        for text in texts:
+            if text not in self.warned:
+                self.warned.add(text)
                 message = f"{text}, at t = {self.time:g} s".replace("%", "%%")
                 self.log(message, Fmi2Status.warning, "logStatusWarning")
 

@@ -75,6 +75,9 @@ def _fields(model: Model) -> str:
         "low_later": [math.inf if v.fixed else bound for v, bound in zip(every, low)],
         "high": [bound[1] for bound in bounds],
         "flags": frozenset(vr for vr, v in enumerate(every) if v.flag),
+        "checked": [
+            (one.low, one.high, one.beyond) for one in model.actuator.checked(model.variant)
+        ],
     }
     return "".join(f"    {name}={value!r},\n" for name, value in fields.items())
 

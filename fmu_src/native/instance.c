@@ -48,7 +48,7 @@ typedef struct {
     int32_t phase;
     int32_t has_x;
     int32_t off[EFFECTS + 1]; /* effects that were neutral when the parameters were last used */
-    int32_t warned[NOTICES + 1]; /* whether of each notice */
+    int32_t warned[NOTICES + CHECKED + 1]; /* whether of each notice, and of each input */
     char trouble[MESSAGE];    /* what has failed, until reset or a restored state */
 } State;
 
@@ -190,17 +190,22 @@ static int advance(Instance *I, double *x, double time, double size)
     return code ? explain_code(I, code, x, time + size) : 1;
 }
 
-/* Warn, once, of what a run that goes on has noticed. */
+/* Warn, once, of what a run that goes on has noticed, and of inputs nobody has checked. */
 static void warn(Instance *I, double time)
 {
     char message[MESSAGE];
     int i;
-    for (i = 0; i < NOTICES; i++)
-        if (I->now.x[notices[i].place] != 0.0 && !I->now.warned[i]) {
+    for (i = 0; i < NOTICES + CHECKED; i++) {
+        const int input = i - NOTICES;
+        const int due = i < NOTICES ? I->now.x[notices[i].place] != 0.0
+            : I->now.values[input] < checked[input].low || I->now.values[input] > checked[input].high;
+        if (due && !I->now.warned[i]) {
             I->now.warned[i] = 1;
-            snprintf(message, sizeof message, "%s, at t = %g s", notices[i].message, time);
+            snprintf(message, sizeof message, "%s, at t = %g s",
+                     i < NOTICES ? notices[i].message : checked[input].message, time);
             say(I, 1, message);
         }
+    }
 }
 
 /* Prepare the step for the present parameters.

@@ -59,6 +59,7 @@ def _model(model: Model) -> str:
     effects = list(flat.switches)
     every = variables(model)
     index = {name: i for i, name in enumerate(flat.params)}
+    checked = model.actuator.checked(model.variant)
     sizes = {
         "INPUTS": len(flat.inputs),
         "OUTPUTS": len(flat.outputs),
@@ -70,6 +71,7 @@ def _model(model: Model) -> str:
         "EFFECTS": len(effects),
         "SWITCHES": sum(map(len, flat.switches.values())),
         "NOTICES": len(flat.notices),
+        "CHECKED": len(checked),
         "TOO_FAST": flat.too_fast,
         "ARITHMETIC": flat.too_fast + 1,
     }
@@ -82,6 +84,7 @@ def _model(model: Model) -> str:
     states = [_string(name) for name, *_ in flat.states]
     faults = [_string(f"{owner}: {text}") for _, owner, text in flat.faults]
     notices = [f"{{{place}, {_string(text)}}}" for place, text in flat.notices]
+    ranges = [f"{{{one.low!r}, {one.high!r}, {_string(one.beyond)}}}" for one in checked]
     title = f"{model.actuator.title}, variant {model.variant}".replace("*/", "* /")
     parts = [
         f"/* {title}: generated, do not edit. */",
@@ -94,6 +97,7 @@ def _model(model: Model) -> str:
         _table("const Switch", "switches", switches or ["{0, 0}"]),
         _table("const char *const", "faults", faults or ["0"]),
         _table("const Notice", "notices", notices or ["{0, 0}"]),
+        _table("const Checked", "checked", ranges or ["{0, 0, 0}"]),
         _text(model),
     ]
     return "\n".join(parts)

@@ -105,6 +105,7 @@ def _variants(actuator: Actuator) -> Iterator[Variant]:
                 values={name: value for name, value in variant.values.items() if name in known},
                 uncertainty={n: value for n, value in variant.uncertainty.items() if n in known},
                 plant=form,
+                checked={},
             )
 
 

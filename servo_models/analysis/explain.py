@@ -197,7 +197,10 @@ def actuator_sheet(
     plant = actuator.plant_of(variant)
     of_actuator = [parameter for parameter in plant.parameters.values() if not parameter.owner]
     placed = [parameter for parameter in plant.parameters.values() if parameter.owner]
-    variants = tuple((v.name, v.about, v.source) for v in actuator.variants)
+    variants = tuple(
+        (v.name, v.about, v.source, ", ".join(map(str, actuator.checked(v.name))) or "never")
+        for v in actuator.variants
+    )
     signals = tuple(
         (wire.name, role, wire.display or wire.unit, wire.about)
         for role, names in (("input", [w.name for w in plant.inputs]), ("output", plant.outputs))
@@ -209,7 +212,11 @@ def actuator_sheet(
         f"{actuator.name}: {actuator.title}",
         (actuator.about, f"Source: {actuator.source}.", *warnings(actuator)),
         (
-            Table("Variants, the first is the default", ("variant", "", "source"), variants),
+            Table(
+                "Variants, the first is the default",
+                ("variant", "", "source", "compared with measurements at"),
+                variants,
+            ),
             Table("Signals", ("signal", "", "unit", ""), signals),
             Table(
                 "Chain, in the order of evaluation; ~ are effects on that wire",

@@ -373,7 +373,9 @@ class Variant:
     ``uncertainty`` holds relative standard deviations (prior) of its parameters;
     ``stop_time`` and ``step_size`` [s] are its default experiment where the actuator's is
     not for it.  ``command`` is the input that moves it where that is not the actuator's main one:
-    ``check --init`` proposes the variant for a log of that input.
+    ``check --init`` proposes the variant for a log of that input.  ``checked`` holds from where to
+    where [SI] inputs went while it was compared with measurements, the others at rest; it is empty
+    where it never was.
     """
 
     name: str
@@ -386,6 +388,31 @@ class Variant:
     stop_time: float | None = None
     step_size: float | None = None
     command: str = ""
+    checked: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Checked:
+    """From where to where [SI] an input went while a variant was compared with measurements."""
+
+    wire: Wire
+    low: float
+    high: float
+    variant: str
+
+    def __str__(self) -> str:
+        wire = self.wire
+        scale = factor(wire.unit, wire.display) if wire.display else 1.0
+        ends = " to ".join(f"{scale * end:.4g}" for end in dict.fromkeys((self.low, self.high)))
+        return f"{wire.name} {ends} {wire.display or wire.unit}"
+
+    @property
+    def beyond(self) -> str:
+        """What an input outside means."""
+        return (
+            f"'{self.wire.name}' is not where variant '{self.variant}' was compared with"
+            f" measurements ({self})"
+        )
 
 
 @dataclass(frozen=True)
@@ -489,6 +516,7 @@ class Actuator:
                 ("input of the standard step", self.step[:1], inputs),
                 ("command of a variant", filter(None, [variant.command]), inputs),
                 ("parameter with an uncertainty", variant.uncertainty, plant.parameters),
+                ("input compared with measurements", variant.checked, inputs),
                 ("parameter known to the grey box", known_to_box, plant.parameters),
             ):
                 check_known(kind, names, known, error=ValueError)
@@ -508,6 +536,16 @@ class Actuator:
         name = self.default_variant if name is None else name
         check_known("variant", [name], known, f"actuator '{self.name}'")
         return known[name]
+
+    def checked(self, variant: str | None = None) -> tuple[Checked, ...]:
+        """Return, of every input, where it was while a variant was compared with measurements; none
+        where it never was."""
+        chosen = self.variant(variant)
+        return tuple(
+            Checked(wire, *chosen.checked.get(wire.name, 2 * (float(wire.rest),)), chosen.name)
+            for wire in self.plant_of(variant).inputs
+            if chosen.checked
+        )
 
     def plant_of(self, variant: str | None = None) -> Plant:
         """Return the plant that a variant runs on."""

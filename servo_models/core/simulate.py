@@ -427,6 +427,10 @@ def doubts(chosen: Model, times: Array, inputs: Array, out: Array) -> Iterator[s
     behind a jump of the right-hand side that is not a mode or where a loop is chaotic.  An
     output beyond a hundred full scales is told as well.
     """
+    for one, values in zip(chosen.actuator.checked(chosen.variant), inputs.T):
+        beyond = (values < one.low) | (values > one.high)
+        if beyond.any():
+            yield f"{one.beyond}, at t = {times[beyond.argmax()]:g} s"
     step = min(chosen.values["internal_step"], float(np.diff(times).max(initial=0.0)))
     if step > SHORTEST:
         step *= 0.5

@@ -120,3 +120,9 @@ class TestAirframe:
     def test_it_stalls_where_the_data_sheet_says(self, share: float, lifts: bool) -> None:
         angle = self.angle(2.4e-3, share * self.DATA_SHEET_STALL, 4.8)
         assert bool(angle[-1] > angle[len(angle) // 2]) is lifts
+
+    def test_what_nobody_has_measured_is_told(self) -> None:
+        given = {"pulse_width": 1.5e-3, "load_torque": np.where(self.TIMES < 0.5, 0.17, 0.18)}
+        told = simulate(model("sg90", "airframe"), self.TIMES, given).warnings
+        assert len(told) == 1
+        assert "load_torque -0.1765 to 0.1765 N.m), at t = 0.5 s" in told[0]

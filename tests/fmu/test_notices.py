@@ -52,3 +52,17 @@ def test_a_new_run_is_flagged_anew(fmu_folder: Callable[[str], Path]) -> None:
     host.fmu.doStep(0.0, 1e-3)
     assert [status for status, _ in host.messages] == [WARNING, WARNING]
     host.__exit__(None, None, None)
+
+
+def test_an_input_that_nobody_has_checked_is_told_once(fmu_folder: Callable[[str], Path]) -> None:
+    """The paper's responses reach 40 V."""
+    with Host(fmu_folder("measured")) as host:
+        host.start({"voltage": 0.0})
+        for k, volts in enumerate([40.0, -40.0, 41.0, 45.0, 0.0, 42.0]):
+            host.set({"voltage": volts})
+            host.fmu.doStep(1e-3 * k, 1e-3)
+        ((status, text),) = host.messages
+    assert status == WARNING
+    assert "'voltage' is not where variant 'measured' was compared" in text
+    assert "voltage -40 to 40 V" in text
+    assert "at t = 0.003 s" in text

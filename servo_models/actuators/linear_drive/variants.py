@@ -33,6 +33,7 @@ VARIANTS = (
             "force_gain": 0.02,
             "coulomb_friction.level": 0.1,
         },
+        checked={"reference": (0.0, 0.247), "disturbance": (0.0, 5.0)},
     ),
     Variant(
         "simple",

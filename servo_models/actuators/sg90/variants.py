@@ -13,9 +13,9 @@ counts as a degree of the horn, with pulses of 544 us at 0 and 2400 us at 180 de
 pulses come.
 
 *airframe* is the same servo for a larger model, in which it is loaded, driven too far, or not at
-all: friction as the same steps show it (0.00355 +- 0.0009 N m), stops 95 degrees to either side of
-the middle of those pulses (data sheet: 90, but the steps overshoot 0), no torque without pulses.  It
-meets the held-out steps to 4.51 counts.
+all.  Friction is what the same steps show, 0.00355 +- 0.0009 N m.  Stops are 95 degrees to either
+side of the middle of those pulses: 90 by the data sheet, but the steps overshoot.  Without pulses
+there is no torque.  It meets the held-out amplitudes to 4.51 counts.
 
 *printed*, *linear* and *oscillatory_motor* are those of S. Kochuk et al., "Methodology of synthesis
 nonlinear mathematical model of a servo" (the *SG90 paper*).
@@ -32,6 +32,8 @@ from servo_models.core.plant import Variant
 PULSES = (544e-6, 2400e-6)  # s, that ask for 0 and 180 degrees
 PULSE_PER_ANGLE = (PULSES[1] - PULSES[0]) / math.pi  # seconds of pulse per radian
 MIDDLE_PULSE = 0.5 * sum(PULSES)
+LOGGED = (PULSES[0], PULSES[0] + math.radians(135.0) * PULSE_PER_ANGLE)  # s, of the gyro's log
+STALL = 0.1765  # N m at 4.8 V
 FEEDBACK = 0.1  # feedback coefficient K_f
 SUPPLY = 5.0  # V
 FRAME = 0.02  # s
@@ -62,6 +64,7 @@ MEASURED = Variant(
     },
     stop_time=1.0,
     step_size=1e-3,
+    checked={"pulse_width": LOGGED},
 )
 
 AIRFRAME = replace(
@@ -83,6 +86,11 @@ AIRFRAME = replace(
             "feedback_voltage": SUPPLY * MIDDLE_PULSE / FRAME / FEEDBACK,
         }
     ),
+    checked={
+        "pulse_width": LOGGED,
+        "load_torque": (-STALL, STALL),
+        "supply_voltage": (4.8, SUPPLY),
+    },
 )
 
 TIME_CONSTANT = 1.0 / 1.307  # s
@@ -144,6 +152,7 @@ def published() -> tuple[Variant, ...]:
                         "SG90 paper secs. 4 to 6, eq. 7",
                         plant=PAPER_PLANT,
                         warning=SLOW,
+                        checked={"pulse_width": (0.5e-3, 2.4e-3)},
                     )
                 )
     return tuple(made)

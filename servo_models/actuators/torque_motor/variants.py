@@ -61,6 +61,7 @@ GREY_BOX = GreyBox(
 
 EQ_12 = (241560.0, 492.0, 1582240.0, 184512000.0)
 EQ_12_DELAY = 0.0011  # s
+CHECKED = {"voltage": (-40.0, 40.0)}  # V, of the paper's responses
 
 _uncertain = {
     "torque_constant": 0.25,
@@ -78,6 +79,7 @@ VARIANTS = (
         "transfer function of eq. 12 as physical constants, with its 1.1 ms delay",
         {**TABLE_1, **grey_box(*EQ_12), "transport_delay.time": EQ_12_DELAY},
         "valve paper eq. 12, unrounded; R, J, K_s from Table 1",
+        checked=CHECKED,
     ),
     Variant(
         "measured",
@@ -85,11 +87,13 @@ VARIANTS = (
         TABLE_1,
         "valve paper Table 1",
         uncertainty=_uncertain,
+        checked=CHECKED,
     ),
     Variant(
         "estimated",
         "constants estimated from eq. 12, as printed",
         TABLE_2,
         "valve paper Table 2",
+        checked=CHECKED,
     ),
 )
