@@ -136,6 +136,15 @@ def test_rows_far_apart_cost_a_box_no_effort_that_counts(tmp_path: Path) -> None
     np.testing.assert_allclose(found, step_of_first_order(times, 0.0, 0.5), atol=1e-12)
 
 
+def test_delays_are_sought_on_the_time_scale_of_the_box(tmp_path: Path) -> None:
+    """A lag is within a fiftieth of its end after ln 50 time constants."""
+    fast = FIRST_ORDER.replace("50 ms", "1 ms").replace("STEP = 0.002", "STOP_TIME = 0.02")
+    for name, text, tau in (("slow", FIRST_ORDER, 50e-3), ("fast", fast, 1e-3)):
+        (tmp_path / name).mkdir()
+        plant = model(first_order(tmp_path / name, text)).plant
+        assert plant.time_scale / 3.0 == pytest.approx(np.log(50.0) * tau, rel=0.02)
+
+
 WHAT_IS_SENT = """
 INPUTS = {"goal": "90 deg"}
 OUTPUTS = {"angle": "90 deg"}
