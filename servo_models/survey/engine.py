@@ -6,42 +6,36 @@ Either way a job runs in a process of its own: one that crashes or hangs ends al
 from __future__ import annotations
 
 import os
-import queue
 import threading
 from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from contextlib import closing
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
-from typing import Any, NamedTuple
-
-import msgspec
+from queue import SimpleQueue
+from typing import NamedTuple
 
 from servo_models.data.readers.columns import extra
 from servo_models.errors import UserError
 from servo_models.files import scratch
 from servo_models.foreign.child import Child
-from servo_models.survey.job import Job, Outcome, failed, run
+from servo_models.survey.job import Job, failed, run
 from servo_models.survey.store import digest, files_of
 
 GRACE_FACTOR, GRACE_SECONDS = 3.0, 600.0  # past the time limit of a job, until its process is ended
 NO_LIMIT_SECONDS = 24.0 * 3600.0
-POLL_SECONDS = 0.1  # between looks at whether a thread has ended
+POLL_SECONDS = 0.1  # between attempts to end jobs in hand
 CONNECT_SECONDS = 10.0  # in which a scheduler has to answer
 IN_FLIGHT_PER_THREAD = 4  # jobs that a cluster is given at a time
 
 
 class Done(NamedTuple):
-    """A job with what is kept of it and its page."""
+    """A job with the JSON that is kept of it and its page."""
 
     job: Job
-    outcome: Outcome
+    kept: bytes
     page: bytes
-
-
-def seconds_allowed(job: Job) -> float:
-    """Time after which the process of a job is ended: beyond the limit that its search keeps."""
-    limit = job.options.get("time_limit")
-    return NO_LIMIT_SECONDS if limit is None else GRACE_FACTOR * limit + GRACE_SECONDS
 
 
 class Worker:
@@ -51,16 +45,15 @@ class Worker:
         self._child: Child | None = None
 
     def __call__(self, job: Job) -> Done:
-        seconds = seconds_allowed(job)
+        limit = job.options.get("time_limit")
+        seconds = NO_LIMIT_SECONDS if limit is None else GRACE_FACTOR * limit + GRACE_SECONDS
         if self._child is None or self._child.seconds != seconds:
-            self._child = Child(
-                _running, (), seconds, "the diagnosis", "give it another --time-limit"
-            )
+            cure = "give it another --time-limit"
+            self._child = Child(_running, (), seconds, "the diagnosis", cure)
         try:
-            encoded, page = self._child(job)
+            return Done(job, *self._child(job))
         except UserError as error:
-            return Done(job, failed(job, str(error), 0.0), b"")
-        return Done(job, msgspec.json.decode(encoded, type=Outcome), page)
+            return Done(job, failed(job, str(error)), b"")
 
     def close(self) -> None:
         """End the process, also in the middle of a job."""
@@ -69,51 +62,28 @@ class Worker:
 
 
 def _running() -> Callable[[Job], tuple[bytes, bytes]]:
-    return _encoded
-
-
-def _encoded(job: Job) -> tuple[bytes, bytes]:
-    outcome, page = run(job)
-    return msgspec.json.encode(outcome), page
+    return run
 
 
 def here(jobs: Iterator[Job], processes: int) -> Generator[Done, None, None]:
     """Yield jobs as they are done by processes of this machine; a job is taken when one is free."""
-    done: queue.SimpleQueue[Done | BaseException | None] = queue.SimpleQueue()
-    taking, ended = threading.Lock(), threading.Event()
     workers = [Worker() for _ in range(processes)]
+    free: SimpleQueue[Worker] = SimpleQueue()
+    for worker in workers:
+        free.put(worker)
 
-    def work(worker: Worker) -> None:
+    def do(job: Job) -> Done:
+        worker = free.get()
         try:
-            while True:
-                with taking:
-                    job = None if ended.is_set() else next(jobs, None)
-                if job is None:
-                    break
-                done.put(worker(job))
-        except BaseException as error:
-            done.put(error)
-        done.put(None)
+            return worker(job)
+        finally:
+            free.put(worker)
 
-    threads = [threading.Thread(target=work, args=(it,), daemon=True) for it in workers]
-    for thread in threads:
-        thread.start()
-    try:
-        running = processes
-        while running:
-            one = done.get()
-            if isinstance(one, BaseException):
-                raise one
-            if one is None:
-                running -= 1
-            else:
-                yield one
-    finally:
-        ended.set()
-        for thread, worker in zip(threads, workers):
-            while thread.is_alive():
-                worker.close()  # which ends the job in hand, if it has begun, and then the thread
-                thread.join(POLL_SECONDS)
+    def stop() -> None:
+        for worker in workers:
+            worker.close()
+
+    yield from _each(jobs, processes, do, stop)
 
 
 def on_cluster(jobs: Iterator[Job], address: str) -> Generator[Done, None, None]:
@@ -130,41 +100,39 @@ def on_cluster(jobs: Iterator[Job], address: str) -> Generator[Done, None, None]
         raise UserError(
             f"no scheduler of Dask at '{address}' ({error}): start one there"
         ) from error
+
+    def do(job: Job) -> Done:
+        digests = {str(path): digest(path) for path in files_of(job.description)}
+        done = client.submit(_read_there, job, digests, pure=False).result()
+        return done or client.submit(_sent_there, job, _content(job), pure=False).result()
+
     with closing(client):
         try:
-            yield from _gathered(client, jobs, distributed.as_completed)
-        except (OSError, distributed.CancelledError, distributed.core.CommClosedError) as error:
+            most = IN_FLIGHT_PER_THREAD * max(1, sum(client.nthreads().values()))
+            yield from _each(jobs, most, do, client.close)
+        except (OSError, distributed.CancelledError) as error:
             raise UserError(
                 f"the scheduler at '{address}' is gone: what was done is kept; start the survey"
                 " again when there is one"
             ) from error
 
 
-def _gathered(client: Any, jobs: Iterator[Job], as_completed: Any) -> Iterator[Done]:
-    most = IN_FLIGHT_PER_THREAD * max(1, sum(client.nthreads().values()))
-    sent: dict[str, Job] = {}
-    pending = as_completed()
-
-    def submit(job: Job, files: Sequence[tuple[str, bytes]] = ()) -> None:
-        sent[job.key] = job
-        told = (job, {path: digest(Path(path)) for path in map(str, files_of(job.description))})
-        key = f"{job.key}-{'sent' if files else 'read'}"
-        pending.add(client.submit(_far, *told, files, key=key, pure=False))
-
-    for job in jobs:
-        submit(job)
-        if len(sent) >= most:
-            break
-    for future in pending:
-        key, encoded, page = future.result()
-        job = sent.pop(key)
-        if encoded is None:
-            submit(job, _content(job))
-            continue
-        yield Done(job, msgspec.json.decode(encoded, type=Outcome), page)
-        following = next(jobs, None)
-        if following is not None:
-            submit(following)
+def _each(
+    jobs: Iterator[Job], most: int, do: Callable[[Job], Done], stop: Callable[[], None]
+) -> Iterator[Done]:
+    """Yield what ``do`` makes of jobs, as it comes, with ``most`` in hand; ``stop`` ends these."""
+    with ThreadPoolExecutor(most) as threads:
+        pending = {threads.submit(do, job) for job in islice(jobs, most)}
+        try:
+            while pending:
+                done, pending = wait(pending, return_when=FIRST_COMPLETED)
+                pending |= {threads.submit(do, job) for job in islice(jobs, len(done))}
+                for future in done:
+                    yield future.result()
+        finally:
+            stop()
+            while wait(pending, POLL_SECONDS).not_done:
+                stop()  # what has begun meanwhile
 
 
 def _content(job: Job) -> list[tuple[str, bytes]]:
@@ -174,27 +142,30 @@ def _content(job: Job) -> list[tuple[str, bytes]]:
     return [(os.path.relpath(path, root), path.read_bytes()) for path in files]
 
 
-_far_workers = threading.local()
+_there = threading.local()
 
 
-def _far(
-    job: Job, digests: dict[str, str], files: Sequence[tuple[str, bytes]]
-) -> tuple[str, bytes | None, bytes]:
-    """Do a job where a worker of Dask is; None for a result asks for the files."""
-    if not hasattr(_far_workers, "one"):
-        _far_workers.one = Worker()
-    if not files:
-        if any(digest(Path(path)) != known for path, known in digests.items()):
-            return job.key, None, b""
-        return _told(_far_workers.one(job))
+def _worker_there() -> Worker:
+    """The process of a thread of a Dask worker."""
+    if not hasattr(_there, "worker"):
+        _there.worker = Worker()
+    return _there.worker
+
+
+def _read_there(job: Job, digests: dict[str, str]) -> Done | None:
+    """Do a job on a cluster, None where its files are other ones there."""
+    if any(digest(Path(path)) != known for path, known in digests.items()):
+        return None
+    return _worker_there()(job)
+
+
+def _sent_there(job: Job, files: Sequence[tuple[str, bytes]]) -> Done:
+    """Do a job on a cluster with the files that it is sent."""
     with scratch() as folder:
         for name, content in files:
             path = Path(folder, name)
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(content)
-        done = _far_workers.one(replace(job, description=Path(folder, files[0][0])))
-        return _told(done._replace(job=job))
-
-
-def _told(done: Done) -> tuple[str, bytes, bytes]:
-    return done.job.key, msgspec.json.encode(done.outcome), done.page
+        return _worker_there()(replace(job, description=Path(folder, files[0][0])))._replace(
+            job=job
+        )

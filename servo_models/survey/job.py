@@ -97,35 +97,37 @@ class Episode(Document, frozen=True):
     estimates: list[Estimate]
 
 
-class Outcome(Document, frozen=True):
+class Outcome(Document, frozen=True, kw_only=True):
     """What is kept of a job.  Where it failed, ``failure`` says why, and figures are null."""
 
-    schema_version: int
+    schema_version: int = VERSION
     key: Digest
     unit: str
     joint: str
-    conditions: dict[str, str]
+    conditions: Mapping[str, str]
     description: Annotated[str, about("Name of its file.")]
-    actuator: Annotated[str, about("Its name, or the path of its file.")]
-    variant: str
-    failure: str
+    actuator: Annotated[str, about("Its name, or the path of its file.")] = ""
+    variant: str = ""
+    failure: str = ""
     seconds: Magnitude
-    warnings: list[str]
-    verdict: str
-    sentence: str
-    gap_before: Figure
-    gap_before_interval: Annotated[tuple[float, float] | None, about("Of 95 %.")]
-    gap_after: Figure
-    held_out: Annotated[Figure, about("RMS of what no fit has seen, largest of all logs.")]
-    causes: list[Cause]
-    explanations: list[Explanation]
-    parameters: Annotated[list[Estimate], about("Nominal parameters, as re-tuned.")]
-    episodes: list[Episode]
-    diagnosis: Annotated[msgspec.Raw, about("As of servo-models diagnose --json; null: failed.")]
+    warnings: Sequence[str] = ()
+    verdict: str = ""
+    sentence: str = ""
+    gap_before: Figure = None
+    gap_before_interval: Annotated[tuple[float, float] | None, about("Of 95 %.")] = None
+    gap_after: Figure = None
+    held_out: Annotated[Figure, about("RMS of what no fit has seen, largest of all logs.")] = None
+    causes: Sequence[Cause] = ()
+    explanations: Sequence[Explanation] = ()
+    parameters: Annotated[Sequence[Estimate], about("Nominal parameters, as re-tuned.")] = ()
+    episodes: Sequence[Episode] = ()
+    diagnosis: Annotated[
+        msgspec.Raw, about("As of servo-models diagnose --json; null: failed.")
+    ] = msgspec.Raw(b"null")
 
 
-def run(job: Job) -> tuple[Outcome, bytes]:
-    """Check and diagnose; return what is kept, and the page, empty where none is wanted.
+def run(job: Job) -> tuple[bytes, bytes]:
+    """Check and diagnose; return the JSON that is kept, and the page, empty where none is wanted.
 
     A fault of the description or of its logs is an outcome, too.
     """
@@ -136,56 +138,42 @@ def run(job: Job) -> tuple[Outcome, bytes]:
         found = replace(diagnose(description, jobs=1, **job.options), written=())
         shown = page(page_of(found)).encode() if job.report else b""
     except (UserError, MemoryError) as error:
-        return failed(job, str(error) or "it needs more memory", time.perf_counter() - begin), b""
+        why = str(error) or "it needs more memory"
+        return failed(job, why, time.perf_counter() - begin), b""
     parameters = found.model.plant.parameters
     nominal = [value for value in found.found if not parameters[value.name].owner]
-    return (
-        _outcome(
-            job,
-            actuator=found.model.actuator.key,
-            variant=found.model.variant,
-            seconds=time.perf_counter() - begin,
-            warnings=[*warnings],
-            verdict=found.verdict.kind,
-            sentence=sentence(found),
-            gap_before=found.gap.rms["before"],
-            gap_before_interval=found.gap.intervals["before"],
-            gap_after=found.gap.rms["after"],
-            held_out=max((log.after for log in found.held_out), default=None),
-            causes=[
-                Cause.made_from(
-                    effect, effect=effect.name, sizes=_estimates(found, effect.parameters)
-                )
-                for effect in found.ranking
-            ],
-            explanations=_explanations(found),
-            parameters=_estimates(found, nominal),
-            episodes=list(_episodes(found)),
-            diagnosis=msgspec.Raw(found.to_json().encode()),
-        ),
-        shown,
+    kept = _kept(
+        job,
+        actuator=found.model.actuator.key,
+        variant=found.model.variant,
+        warnings=warnings,
+        verdict=found.verdict.kind,
+        sentence=sentence(found),
+        gap_before=found.gap.rms["before"],
+        gap_before_interval=found.gap.intervals["before"],
+        gap_after=found.gap.rms["after"],
+        held_out=max((log.after for log in found.held_out), default=None),
+        causes=[
+            Cause.made_from(effect, effect=effect.name, sizes=_estimates(found, effect.parameters))
+            for effect in found.ranking
+        ],
+        explanations=_explanations(found),
+        parameters=_estimates(found, nominal),
+        episodes=[*_episodes(found)],
+        diagnosis=msgspec.Raw(found.to_json().encode()),
+        seconds=time.perf_counter() - begin,
     )
+    return kept, shown
 
 
-def failed(job: Job, why: str, seconds: float) -> Outcome:
-    """Return what is kept of a job that came to nothing."""
-    return _outcome(job, failure=why, seconds=seconds)
+def failed(job: Job, why: str, seconds: float = 0.0) -> bytes:
+    """Return the JSON that is kept of a job that came to nothing."""
+    return _kept(job, failure=why, seconds=seconds)
 
 
-def _outcome(job: Job, **known: Any) -> Outcome:
-    gaps = ("gap_before", "gap_before_interval", "gap_after", "held_out")
-    unknown: dict[str, Any] = dict.fromkeys(gaps)
-    unknown |= dict.fromkeys(("actuator", "variant", "failure", "verdict", "sentence"), "")
-    unknown |= {"warnings": [], "causes": [], "explanations": [], "parameters": [], "episodes": []}
-    return Outcome(
-        schema_version=VERSION,
-        key=job.key,
-        unit=job.unit,
-        joint=job.joint,
-        conditions=dict(job.conditions),
-        description=job.description.name,
-        **{**unknown, "diagnosis": msgspec.Raw(b"null"), **known},
-    )
+def _kept(job: Job, **known: Any) -> bytes:
+    place = {"key": job.key, "unit": job.unit, "joint": job.joint, "conditions": job.conditions}
+    return msgspec.json.encode(Outcome(**place, description=job.description.name, **known))
 
 
 def _estimates(found: Diagnosis, values: Iterable[Value]) -> list[Estimate]:

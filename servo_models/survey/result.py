@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import json
-from collections import defaultdict
-from collections.abc import Iterable, Iterator
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
+from msgspec.structs import replace
 
 from servo_models.core.types import Array
 from servo_models.data.parameters import Estimate as Given
@@ -202,10 +203,10 @@ class Survey(Result):
             ``sm.write_parameters(survey.common("elbow"), "elbow.toml")``
         """
         chosen = [it for it in self.outcomes if not it.failure and joint in (None, it.joint)]
-        of = {(Path(it.actuator).name, it.variant) for it in chosen}  # each unit may have a copy
-        if len(of) != 1:
+        models = {model_of(it) for it in chosen}
+        if len(models) != 1:
             joints = ", ".join(sorted({it.joint for it in self.outcomes if not it.failure}))
-            raise UserError(f"{len(of)} actuators to take a mean of: name a joint of {joints}")
+            raise UserError(f"{len(models)} actuators to take a mean of: name a joint of {joints}")
         every = (it for it in self.belongings if it.owner == MODEL)
         shared = {it.name for it in every if not it.joints or joint in it.joints}
         found: dict[str, list[Value]] = defaultdict(list)
@@ -226,6 +227,24 @@ class Survey(Result):
         units = plural(len({it.unit for it in chosen}), "unit")
         method = f"survey {self.name}, mean of {units}"
         return ParameterSet(chosen[0].actuator, chosen[0].variant, tuple(estimates), method=method)
+
+
+def model_of(outcome: Outcome) -> str:
+    """Return actuator and variant, of which each unit may have a copy; "" where it failed."""
+    return f"{Path(outcome.actuator).name} {outcome.variant}".strip()
+
+
+def told_apart(outcomes: Sequence[Outcome]) -> tuple[Outcome, ...]:
+    """Return outcomes with the actuator behind the joint, where joints of one name have several:
+    their values and causes are not to be compared."""
+    models = {(outcome.joint, model_of(outcome)) for outcome in outcomes if not outcome.failure}
+    often = Counter(joint for joint, _ in models)
+    return tuple(
+        replace(it, joint=f"{it.joint} ({model_of(it)})")
+        if often[it.joint] > 1 and not it.failure
+        else it
+        for it in outcomes
+    )
 
 
 def verdict(outcome: Outcome) -> str:

@@ -75,7 +75,7 @@ class Store:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        check_writable(folder / JOBS / "key.json")
+        check_writable(self.path("key"))
 
     def path(self, key: str) -> Path:
         return self.folder / JOBS / f"{key}.json"
@@ -84,17 +84,16 @@ class Store:
         """Return what is kept of a job, None for nothing, or what no survey has written."""
         return read_outcome(self.path(key))
 
-    def put(self, outcome: Outcome, page: bytes) -> Outcome:
-        """Keep what came of a job, its page first, so that what is done has one; return what stays
-        in memory.
+    def put(self, key: str, kept: bytes, page: bytes = b"") -> Outcome:
+        """Keep what came of a job, its page first, so that what is done has one; return it.
 
         Raises:
             UserError: the disk is full, or may not be written.
         """
         if page:
-            write_whole(self.folder / REPORTS / f"{outcome.key}.html", page)
-        write_whole(self.path(outcome.key), msgspec.json.encode(outcome))
-        return _light(outcome)
+            write_whole(self.folder / REPORTS / f"{key}.html", page)
+        write_whole(self.path(key), kept)
+        return _decoded(kept)
 
     @contextmanager
     def claimed(self, key: str) -> Iterator[bool]:
@@ -106,16 +105,15 @@ class Store:
 def read_outcome(path: Path) -> Outcome | None:
     """Return what is kept in a file, None where it is missing, damaged or of another version."""
     try:
-        outcome = msgspec.json.decode(path.read_bytes(), type=Outcome)
+        outcome = _decoded(path.read_bytes())
     except (OSError, msgspec.DecodeError):
         return None
-    if outcome.schema_version != VERSION:
-        return None
-    return _light(outcome)
+    return outcome if outcome.schema_version == VERSION else None
 
 
-def _light(outcome: Outcome) -> Outcome:
+def _decoded(kept: bytes) -> Outcome:
     """Without its diagnosis: those of ten thousand jobs stay in their files."""
+    outcome = msgspec.json.decode(kept, type=Outcome)
     return msgspec.structs.replace(outcome, diagnosis=msgspec.Raw(b"null"))
 
 

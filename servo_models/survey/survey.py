@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import os
 import time
+from collections import Counter
 from collections.abc import Callable, Generator, Iterator, Mapping
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, suppress
 from pathlib import Path
+from statistics import fmean
 from typing import Any
 
 from servo_models.data.joints.drafts import as_file
@@ -17,7 +19,7 @@ from servo_models.report.numbers import plural
 from servo_models.survey.engine import Done, here, on_cluster
 from servo_models.survey.job import Job, Outcome, failed
 from servo_models.survey.plan import Planned, plan
-from servo_models.survey.result import Survey
+from servo_models.survey.result import Survey, told_apart
 from servo_models.survey.store import Store, key_of, read_outcomes
 
 __all__ = ["Survey", "survey"]
@@ -26,7 +28,6 @@ Tell = Callable[[int, int | None, str], None]
 """Is told how many jobs were done before this one, how many there are, and what came of it; at
 first, without these numbers, what there is to do."""
 COMMON = "common"  # folder of a survey with parameter files
-FIRST_GUESS_SECONDS = 8.0  # that a job takes, before any is done
 POLL_SECONDS = 0.5  # between looks at what another process has in hand
 
 
@@ -76,115 +77,107 @@ def survey(
     folder = Path(out) if out else root.parent / f"{root.stem or root.resolve().name}_survey"
     if jobs is not None and jobs < 1:
         raise UserError(f"jobs {jobs}: give a number of processes, 1 or more")
+    processes = jobs or os.cpu_count() or 1
     earlier = read_outcomes(Path(before)) if before else ()
+    tell = tell or (lambda *_: None)
     store = Store(folder)
+    tell(0, None, f"looking for joints in '{root}'")
     planned = plan(root, folder, actuator, trust)
     options = {"seed": seed, "quick": quick, "time_limit": time_limit}
-    work = _Work(store, planned.jobs, options, trust, reports, tell or (lambda *_: None))
-    processes = jobs or os.cpu_count() or 1
-    outcomes = work.done_by(
-        lambda todo: on_cluster(todo, scheduler) if scheduler else here(todo, processes),
-        "on the cluster" if scheduler else f"on {plural(processes, 'processor')}",
-        1 if scheduler else processes,
-    )
-    found = Survey(root.resolve().name, outcomes, planned.notes, earlier, folder)
+    work = _Work(store, tell)
+    for one in planned.jobs:
+        work.add(one, options, trust, reports)
+    if scheduler:
+        work.do(lambda todo: on_cluster(todo, scheduler), "on the cluster", 1)
+    else:
+        where = f"on {plural(processes, 'processor')}"
+        work.do(lambda todo: here(todo, processes), where, processes)
+    outcomes = tuple(work.outcomes[key] for key in work.jobs)
+    found = Survey(root.resolve().name, told_apart(outcomes), planned.notes, earlier, folder)
     for name, table in (("table", found.table()), ("estimates", found.estimates())):
         write_with(folder / f"{name}.csv", table.write_csv)
         write_with(folder / f"{name}.parquet", table.write_parquet)
-    for joint in dict.fromkeys(joint for _, joint in found.by_place):
-        _write_common(found, joint, folder / COMMON / f"{as_file(joint)}.toml")
+    for joint, units in Counter(joint for _, joint in found.by_place).items():
+        if units > 1:
+            with suppress(UserError):  # nothing is known that they have in common
+                write_parameters(found.common(joint), folder / COMMON / f"{as_file(joint)}.toml")
     return found
 
 
-def _write_common(found: Survey, joint: str, path: Path) -> None:
-    """Write what all units of a joint have in common, if there are several, and it is known."""
-    if sum(place[1] == joint for place in found.by_place) > 1:
-        try:
-            common = found.common(joint)
-        except UserError:
-            return
-        write_parameters(common, path)
-
-
 class _Work:
-    """The jobs of a survey, and what has come of them so far."""
+    """The jobs of a survey, and what has come of them so far, by their keys."""
 
-    def __init__(
-        self,
-        store: Store,
-        planned: tuple[Planned, ...],
-        options: Mapping[str, Any],
-        trust: bool,
-        reports: bool,
-        tell: Tell,
-    ) -> None:
+    def __init__(self, store: Store, tell: Tell) -> None:
         self.store, self.tell = store, tell
         self.jobs: dict[str, Job] = {}
         self.outcomes: dict[str, Outcome] = {}
         self.claims: dict[str, ExitStack] = {}
         self.begin = time.monotonic()
-        for one in planned:
-            key = key_of(one, options)
-            where, conditions = one.description, one.conditions
-            job = Job(key, one.unit, one.joint, where, conditions, options, trust, reports)
-            self.jobs[key] = job
-            known = store.get(key)
-            if one.failure and known is None:
-                known = store.put(failed(job, one.failure, 0.0), b"")
-            if known is not None:
-                self.outcomes[key] = known
 
-    def done_by(
+    def add(self, one: Planned, options: Mapping[str, Any], trust: bool, report: bool) -> None:
+        """Add a job, with what is known of it."""
+        key = key_of(one, options)
+        where, conditions = one.description, one.conditions
+        job = Job(key, one.unit, one.joint, where, conditions, options, trust, report)
+        self.jobs[key] = job
+        known = self.store.get(key)
+        if one.failure and known is None:
+            known = self.store.put(key, failed(job, one.failure))
+        if known is not None:
+            self.outcomes[key] = known
+
+    def do(
         self,
         engine: Callable[[Iterator[Job]], Generator[Done, None, None]],
         where: str,
         processes: int,
-    ) -> tuple[Outcome, ...]:
-        """Do what is not done, and return what came of every job, in their order."""
+    ) -> None:
+        """Do what is not done."""
         before, every = len(self.outcomes), len(self.jobs)
         units = len({job.unit for job in self.jobs.values()})
-        about = f"{plural(every, 'joint')} of {plural(units, 'unit')}: {before} done"
         seconds = [outcome.seconds for outcome in self.outcomes.values() if not outcome.failure]
-        each = sum(seconds) / len(seconds) if seconds else FIRST_GUESS_SECONDS
-        left = _duration(each * (every - before) / processes)
-        self.tell(0, None, f"{about}, {every - before} to do, about {left} {where}")
-        with ExitStack() as claims:
+        if before == every:
+            left = ""
+        elif seconds:
+            left = f", about {_duration(fmean(seconds) * (every - before) / processes)} {where}"
+        else:
+            left = f" {where}; the first that is done will tell how long it takes"
+        joints = f"{plural(every, 'joint')} of {plural(units, 'unit')}"
+        self.tell(0, None, f"{joints}: {before} done, {every - before} to do{left}")
+        try:
             while len(self.outcomes) < every:
-                with closing(engine(self._todo(claims))) as results:
-                    for job, outcome, page in results:
-                        self.outcomes[job.key] = self.store.put(outcome, page)
+                with closing(engine(self._todo())) as results:
+                    for job, kept, page in results:
+                        outcome = self.outcomes[job.key] = self.store.put(job.key, kept, page)
                         self.claims.pop(job.key).close()
-                        self._count(job, outcome, before)
-                self._look()
-        return tuple(self.outcomes[key] for key in self.jobs)
+                        self._count(outcome, before)
+                if len(self.outcomes) < every:  # another process has them in hand
+                    time.sleep(POLL_SECONDS)
+        finally:
+            for claim in self.claims.values():
+                claim.close()
 
-    def _todo(self, claims: ExitStack) -> Iterator[Job]:
+    def _todo(self) -> Iterator[Job]:
         """Jobs that nobody has done or in hand."""
         for key, job in self.jobs.items():
             if key in self.outcomes or key in self.claims:
                 continue
-            claim = claims.enter_context(ExitStack())
-            if claim.enter_context(self.store.claimed(key)) and self.store.get(key) is None:
+            claim = ExitStack()
+            ours = claim.enter_context(self.store.claimed(key))
+            known = self.store.get(key)
+            if ours and known is None:
                 self.claims[key] = claim
                 yield job
-            else:
-                claim.close()
-
-    def _count(self, job: Job, outcome: Outcome, before: int) -> None:
-        done, every = len(self.outcomes), len(self.jobs)
-        each = (time.monotonic() - self.begin) / (done - before)
-        said = outcome.failure or outcome.sentence
-        left = _duration(each * (every - done))
-        self.tell(done - 1, every, f"{left} left; {job.unit} {job.joint}: {said}")
-
-    def _look(self) -> None:
-        """Take over what other processes have done meanwhile."""
-        for key in self.jobs.keys() - self.outcomes.keys():
-            known = self.store.get(key)
+                continue
+            claim.close()
             if known is not None:
                 self.outcomes[key] = known
-        if len(self.outcomes) < len(self.jobs):
-            time.sleep(POLL_SECONDS)
+
+    def _count(self, outcome: Outcome, before: int) -> None:
+        done, every = len(self.outcomes), len(self.jobs)
+        left = _duration((time.monotonic() - self.begin) / (done - before) * (every - done))
+        said = outcome.failure or outcome.sentence
+        self.tell(done - 1, every, f"{left} left; {outcome.unit} {outcome.joint}: {said}")
 
 
 def _duration(seconds: float) -> str:

@@ -12,7 +12,7 @@ import pytest
 
 import servo_models as sm
 from servo_models.survey.job import Outcome
-from servo_models.survey.result import BETTER, GONE, NEW, OTHER, WORSE, Survey
+from servo_models.survey.result import BETTER, GONE, NEW, OTHER, WORSE, Survey, told_apart
 from servo_models.survey.sections import MOST_UNITS, SurveyDocument, grouped
 from tests.support.made_outcomes import estimate, fleet, outcome
 from tests.support.schemas import check_schema
@@ -86,6 +86,23 @@ def test_no_mean_is_taken_of_two_actuators() -> None:
         survey(elbow, wrist).common()
     with pytest.raises(sm.UserError, match="no log tells"):
         survey(outcome("1", "elbow")).common()
+
+
+def test_joints_of_one_name_and_other_actuators_are_told_apart() -> None:
+    """A delay is on most of the 8 joints of that name, and on those of one actuator alone."""
+    geared = [outcome(f"{k}", "elbow", DELAY) for k in range(5)]
+    direct = [
+        msgspec.structs.replace(outcome(f"x{k}", "elbow"), actuator="torque_motor")
+        for k in range(3)
+    ]
+    lost = outcome("y", "elbow", failure="no log")
+    found = survey(*told_apart([*geared, *direct, lost]))
+    assert dict.fromkeys(it.joint for it in found.outcomes) == dict.fromkeys(
+        ["elbow (sg90 measured)", "elbow (torque_motor measured)", "elbow"]
+    )
+    (delay,) = found.belongings
+    assert (delay.owner, delay.asked, delay.joints) == ("model", 5, ["elbow (sg90 measured)"])
+    assert told_apart(geared) == tuple(geared)
 
 
 @pytest.mark.parametrize(
