@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain, count
@@ -16,6 +17,7 @@ from pathlib import Path
 from servo_models.data.description import read_description, tells_of_logs
 from servo_models.data.joints.data_sets import HELD_OUT_PERIOD
 from servo_models.data.joints.drafts import as_file, recording, write_joints
+from servo_models.data.joints.recording import Recording
 from servo_models.data.readers import is_bag, suffixes
 from servo_models.data.readers.lerobot import is_data_set
 from servo_models.data.scaffold import Draft, draft
@@ -24,6 +26,7 @@ from servo_models.errors import UserError
 from servo_models.files import read_regular, scratch, write_whole
 
 DESCRIPTIONS = "descriptions"  # folder of a survey with what it has drafted
+JOBS = "jobs"  # and with what is kept of each job
 LOG, UNIT, JOINT = "log", "unit", "joint"  # columns of a table of logs; others are conditions
 
 
@@ -56,6 +59,7 @@ class _Planner:
         actuator: what made the logs, None for a guess.
         trust: as for descriptions.
         units: by the folder of their descriptions.
+        drafted: descriptions of logs.
     """
 
     root: Path
@@ -65,6 +69,7 @@ class _Planner:
     jobs: list[Planned] = field(default_factory=list)
     notes: dict[str, None] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
+    drafted: set[Path] = field(default_factory=set)
 
     def folder(self, folder: Path, survey: Path) -> None:
         """Add descriptions, recordings and logs without a description, at any depth."""
@@ -73,8 +78,9 @@ class _Planner:
         for place, names, files in os.walk(folder):
             at = Path(place)
             whole = [name for name in names if _is_whole(at / name)]
-            hidden = [name for name in names if name.startswith(".") or at / name == survey]
-            names[:] = sorted(set(names).difference(whole, hidden))
+            surveys = [name for name in names if at / name == survey or _is_survey(at / name)]
+            hidden = [name for name in names if name.startswith(".")]
+            names[:] = sorted(set(names).difference(whole, surveys, hidden))
             for path in (at / name for name in sorted([*files, *whole])):
                 if path.suffix.lower() == ".toml":
                     descriptions += [path] if tells_of_logs(path, damaged=True) else []
@@ -85,7 +91,17 @@ class _Planner:
             self.jobs.append(Planned(self.unit(path), path.stem, path))
         for path in others:
             if path.resolve() not in described:
-                self.log(path, self.unit(path))
+                self.add("", path.stem, [path], {})
+
+    def table(self, path: Path) -> None:
+        """Add the joints of a table of logs."""
+        grouped: dict[tuple[str, str], list[dict[str, str]]] = defaultdict(list)
+        for row in _rows(path):
+            unit, joint = row.get(UNIT) or self.root.name, row.get(JOINT) or Path(row[LOG]).stem
+            grouped[unit, joint].append(row)
+        for (unit, joint), rows in grouped.items():
+            known = {key: text for key, text in rows[0].items() if key not in {LOG, UNIT, JOINT}}
+            self.add(unit, joint, [path.parent / row[LOG] for row in rows], known)
 
     def unit(self, path: Path) -> str:
         """Name of the unit whose folder a file is in."""
@@ -99,52 +115,57 @@ class _Planner:
         names = (f"{as_file(unit)}{more}" for more in chain([""], (f"_{n}" for n in count(2))))
         return self.drafts / next(n for n in names if self.units.setdefault(n, unit) == unit)
 
-    def log(self, path: Path, unit: str) -> None:
-        """Add each joint of a recording, or a log."""
-        try:
-            recorded = recording(path, self.actuator)
-        except UserError as error:
-            return self.fail(unit, path.name, path, error)
-        if recorded is None:
-            return self.described(unit, path.stem, [path], {})
-        unit = path.stem if path.is_file() else path.name
-        if path.parent != self.root:
-            unit = f"{self.inside(path.parent)}/{unit}"
-        folder = self.place(unit)
-        try:
-            told = list(write_joints(recorded, folder, self.actuator, self.trust, keep=True))
-        except UserError as error:
-            return self.fail(unit, path.name, path, error)
-        self.notes |= {f"{unit}: {text}": None for text, _ in told if not text.startswith("wrote")}
-        self.jobs += [Planned(unit, file.stem, file) for file in sorted(folder.glob("*.toml"))]
-
-    def described(
+    def add(
         self, unit: str, joint: str, logs: Sequence[Path], conditions: Mapping[str, str]
     ) -> None:
-        """Add a joint with logs of its own; a description among them is its description."""
-        if any(tells_of_logs(path, damaged=True) for path in logs):
-            if len(logs) > 1:
-                text = f"'{logs[0]}' and {len(logs) - 1} more: give a description a row of its own"
-                return self.fail(unit, joint, logs[0], UserError(text))
-            self.jobs.append(Planned(unit, joint, logs[0], conditions))
-            return
-        taken = {job.description for job in self.jobs}
+        """Add a description, each joint of a recording, or a joint with logs of its own.
+
+        A ``unit`` without a name is the folder of a log, and the recording itself.
+        """
+        first, *others = logs
+        owner = unit or self.unit(first)
+        try:
+            if any(tells_of_logs(path, damaged=True) for path in logs):
+                if others:
+                    raise UserError(
+                        f"'{first}' and {len(others)} more: give a description a row of its own"
+                    )
+                self.jobs.append(Planned(owner, joint, first, conditions))
+            elif not others and (recorded := recording(first, self.actuator)):
+                own = first if first.is_dir() else first.with_suffix("")
+                self.joints(recorded, unit or self.inside(own), conditions)
+            else:
+                self.joint(owner, joint, logs, conditions)
+        except UserError as error:  # which is told as that of this joint, and the others go on
+            self.jobs.append(Planned(owner, joint, first, conditions, str(error)))
+
+    def joints(self, recorded: Recording, unit: str, conditions: Mapping[str, str]) -> None:
+        """Add the joints of a recording."""
+        folder = self.place(unit)
+        for text, _ in write_joints(recorded, folder, self.actuator, self.trust, keep=True):
+            if not text.startswith("wrote"):
+                self.notes[f"{unit}: {text}"] = None
+        for file in sorted(folder.glob("*.toml")):
+            self.jobs.append(Planned(unit, file.stem, file, conditions))
+
+    def joint(
+        self, unit: str, joint: str, logs: Sequence[Path], conditions: Mapping[str, str]
+    ) -> None:
+        """Add a joint, with a first description if it has none."""
         path = self.place(unit) / f"{as_file(joint)}.toml"
-        if path in taken:  # two logs of one name, such as a.csv and a.json
+        if path in self.drafted:  # two logs of one name, such as a.csv and a.json
             joint = logs[0].name
             path = path.with_name(f"{as_file(joint)}.toml")
-        try:
-            if not path.exists():
-                made = draft(logs[0], self.actuator)
-                text = made.text(path.parent)
-                if len(logs) > 1:
-                    usable = [log for log in logs if self.reads(made, log, f"{unit} {joint}")]
-                    # if none can be read, the diagnosis says what has to be completed
-                    text = _with_runs(text, usable or logs, path.parent)
-                write_whole(path, text.encode())
-                self.notes |= {f"{unit} {joint}: {text}": None for text in made.warnings}
-        except UserError as error:
-            return self.fail(unit, joint, logs[0], error)
+        self.drafted.add(path)
+        if not path.exists():
+            made = draft(logs[0], self.actuator)
+            text = made.text(path.parent)
+            if len(logs) > 1:
+                usable = [log for log in logs if self.reads(made, log, f"{unit} {joint}")]
+                # if none can be read, the diagnosis says what has to be completed
+                text = _with_runs(text, usable or logs, path.parent)
+            write_whole(path, text.encode())
+            self.notes |= {f"{unit} {joint}: {text}": None for text in made.warnings}
         self.jobs.append(Planned(unit, joint, path, conditions))
 
     def reads(self, made: Draft, log: Path, name: str) -> bool:
@@ -160,26 +181,6 @@ class _Planner:
                 self.notes[f"{name}: '{log.name}' is left out, since {why}"] = None
                 return False
         return True
-
-    def fail(self, unit: str, joint: str, path: Path, error: UserError) -> None:
-        self.jobs.append(Planned(unit, joint, path, failure=str(error)))
-
-    def table(self, path: Path) -> None:
-        """Add the joints of a table of logs."""
-        cells = _texts(path)
-        grouped: dict[tuple[str, str], list[int]] = {}
-        for row, log in enumerate(cells[LOG]):
-            stem = Path(log).stem
-            unit, joint = (cells[key][row] if key in cells else "" for key in (UNIT, JOINT))
-            grouped.setdefault((unit or self.root.name, joint or stem), []).append(row)
-        for (unit, joint), rows in grouped.items():
-            conditions = {
-                name: texts[rows[0]]
-                for name, texts in cells.items()
-                if name not in {LOG, UNIT, JOINT}
-            }
-            logs = [path.parent / cells[LOG][row] for row in rows]
-            self.described(unit, joint, logs, conditions)
 
 
 def plan(path: Path, survey: Path, actuator: str | None = None, trust: bool = False) -> Plan:
@@ -201,12 +202,10 @@ def plan(path: Path, survey: Path, actuator: str | None = None, trust: bool = Fa
     planner = _Planner(root, survey.resolve() / DESCRIPTIONS, actuator, trust)
     if _is_table(path):
         planner.table(path)
-    elif tells_of_logs(path, damaged=True):
-        planner.jobs.append(Planned(root.name, path.stem, path))
     elif whole:
-        planner.log(path.resolve(), root.name)
+        planner.add("", path.stem, [path.resolve()], {})
     else:
-        planner.folder(path.resolve(), survey.resolve())
+        planner.folder(root, survey.resolve())
     if not planner.jobs:
         ends = ", ".join(suffixes())
         raise UserError(
@@ -221,6 +220,11 @@ def _is_whole(path: Path) -> bool:
     return os.path.isdir(path) and (is_data_set(path) or is_bag(path))
 
 
+def _is_survey(path: Path) -> bool:
+    """Whether a survey has written a folder: what it has drafted is no joint of another one."""
+    return any((path / JOBS).glob(f"{'[0-9a-f]' * 64}.json"))
+
+
 def _is_table(path: Path) -> bool:
     """Whether a CSV file is a table of logs, and no log."""
     if path.suffix.lower() != ".csv" or not os.path.isfile(path):
@@ -229,8 +233,8 @@ def _is_table(path: Path) -> bool:
         return LOG.encode() in re.split(rb"[,;\t\r\n\"]", stream.readline())
 
 
-def _texts(path: Path) -> dict[str, list[str]]:
-    """Every column of a CSV file, as texts."""
+def _rows(path: Path) -> Iterator[dict[str, str]]:
+    """The rows of a table of logs."""
     import polars as pl
 
     try:
@@ -241,19 +245,14 @@ def _texts(path: Path) -> dict[str, list[str]]:
         raise UserError(
             f"'{path}' is no table of logs: give it a column '{LOG}' with their files, and rows"
         )
-    return {name: frame[name].to_list() for name in frame.columns}
+    return frame.iter_rows(named=True)
 
 
 def _with_runs(text: str, logs: Sequence[Path], folder: Path) -> str:
     """A draft of the first log with all of them as its runs, of which some are held out."""
-    return re.sub(r"(?m)^file = .*$", lambda _: _runs(logs, folder), text)
-
-
-def _runs(logs: Sequence[Path], folder: Path) -> str:
-    def lines() -> Iterator[str]:
-        for k, log in enumerate(logs, start=1):
-            file = quoted(Path(os.path.relpath(log.resolve(), folder)).as_posix())
-            held_out = ", held_out = true" if k % HELD_OUT_PERIOD == 0 else ""
-            yield f"    {{ file = {file}{held_out} }},"
-
-    return "\n".join(("repeat = [", *lines(), "]"))
+    lines = ["repeat = ["]
+    for k, log in enumerate(logs, start=1):
+        file = quoted(Path(os.path.relpath(log.resolve(), folder)).as_posix())
+        held_out = ", held_out = true" if k % HELD_OUT_PERIOD == 0 else ""
+        lines.append(f"    {{ file = {file}{held_out} }},")
+    return re.sub(r"(?m)^file = .*$", lambda _: "\n".join([*lines, "]"]), text)

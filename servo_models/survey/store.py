@@ -23,9 +23,9 @@ from servo_models.data.schema import named_files, named_texts
 from servo_models.errors import UserError
 from servo_models.files import check_writable, locked, matching, write_whole
 from servo_models.survey.job import VERSION, Outcome
-from servo_models.survey.plan import Planned
+from servo_models.survey.plan import JOBS, Planned
 
-JOBS, REPORTS, CLAIMS = "jobs", "reports", "claims"  # folders of a survey
+REPORTS, CLAIMS = "reports", "claims"  # folders of a survey
 
 
 def files_of(description: Path) -> list[Path]:

@@ -10,6 +10,7 @@ import pytest
 from servo_models.errors import UserError
 from servo_models.survey.plan import plan
 from servo_models.survey.store import key_of
+from tests.support import lerobot
 from tests.support.sources import ROOT
 
 GIMBAL = ROOT / "examples/gimbal"
@@ -44,6 +45,9 @@ def test_a_survey_inside_of_its_folder_is_none_of_its_jobs(tmp_path: Path) -> No
     first = plan(tmp_path, out, "dc_motor").jobs
     assert plan(tmp_path, out, "dc_motor").jobs == first
     assert len(first) == 1
+    (out / "jobs").mkdir()
+    (out / "jobs" / f"{64 * 'a'}.json").touch()
+    assert len(plan(tmp_path, tmp_path / "other", "dc_motor").jobs) == 1
 
 
 def test_a_description_that_was_corrected_by_hand_is_kept(tmp_path: Path) -> None:
@@ -77,6 +81,19 @@ def test_rows_of_a_table_with_one_unit_and_joint_are_runs_of_one_description(
     text = one.description.read_text("utf-8")
     assert text.count("file = ") == 3
     assert text.count("held_out = true") == 1
+
+
+def test_a_recording_is_a_unit_or_that_of_its_row(tmp_path: Path) -> None:
+    robots = tmp_path / "robots"
+    lerobot.data_set(robots / "lab" / "day.1", lerobot.episodes(120))
+    joints = ("elbow", "shoulder")
+    assert named(robots, tmp_path / "one") == [("lab/day.1", joint) for joint in joints]
+    table = tmp_path / "fleet.csv"
+    table.write_text("log,unit,firmware\nrobots/lab/day.1,7,2.1\n")
+    jobs = plan(table, tmp_path / "two").jobs
+    assert [(job.unit, job.joint, job.conditions) for job in jobs] == [
+        ("7", joint, {"firmware": "2.1"}) for joint in joints
+    ]
 
 
 def test_units_whose_names_are_alike_as_folders_stay_apart(tmp_path: Path) -> None:
