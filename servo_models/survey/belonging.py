@@ -16,6 +16,7 @@ from itertools import chain
 from typing import Annotated, NamedTuple
 
 import numpy as np
+from scipy.stats import ttest_ind
 
 from servo_models.diagnosis.verdict import covering
 from servo_models.report.document import Document, Figure, about, choice
@@ -28,6 +29,7 @@ FEW_SHARE = 0.1  # of units outside a batch, up to which a cause is on few of th
 LEAST = 2  # units, or joints of one, below which nothing is shared
 MOVED_ERRORS = 3.0  # standard errors from the nominal value, above which a parameter has moved,
 MOVED_PRIORS = 2.0  # if it did by so many standard deviations of what was believed as well
+SIZE_CHANCE = 0.01  # probability that units that are alike have a batch of another size
 LIKELY_SHARE = 0.2  # weight of a cause over that of the first explanation, from which it may be
 OUTSIDE_WEIGHT = 0.01  # of an explanation that is in the set of other jobs and not in that of one
 SET_PROBABILITY = 0.95
@@ -118,9 +120,9 @@ def belongings(outcomes: Iterable[Outcome]) -> list[Belonging]:
             fleet.batches[f"{key} = {value}"].add(outcome.unit)
         by_unit[outcome.unit] += _cases(outcome)
     cases = [*chain(*by_unit.values())]
-    found = [*_taken_off(cases, partial(_shared, cases, fleet))]
+    found = [*_taken_off(cases, partial(_shared, cases, fleet), fleet.batches)]
     for mine in by_unit.values():
-        found += _taken_off(mine, partial(_of_unit, mine, fleet))
+        found += _taken_off(mine, partial(_of_unit, mine, fleet), {})
     for case in cases:
         unit, joint = case.place
         first = case.taken if case.taken in case.open else max(case.open, key=case.open.__getitem__)
@@ -147,7 +149,9 @@ def _cases(outcome: Outcome) -> Iterator[_Case]:
 
 
 def _taken_off(
-    cases: Sequence[_Case], options: Callable[[], Iterable[_Scope]]
+    cases: Sequence[_Case],
+    options: Callable[[], Iterable[_Scope]],
+    batches: Mapping[str, set[str]],
 ) -> Iterator[Belonging]:
     """The scope of the most weight, and again without what it explains, until none is left."""
     while scopes := [*options()]:
@@ -155,9 +159,48 @@ def _taken_off(
         inside = (it for it in cases if it.place[0] in scope.units and it.place[1] in scope.joints)
         # what is shared is likelier in one more job: it needs no more than a place in the set there
         explained = [case for case in inside if any(scope.name in it for it in case.open)]
-        yield _belonging(scope, explained)
+        apart = _batch_by_size(scope.name, explained, batches) if scope.owner == MODEL else ""
+        if apart:
+            batch = batches[apart] & {*scope.units}
+            of_batch = scope._replace(owner=BATCH, whose=apart, units=batch)
+            yield _belonging(of_batch, [it for it in explained if it.place[0] in batch])
+            scope = scope._replace(units={*scope.units} - batch)
+        yield _belonging(scope, [it for it in explained if it.place[0] in scope.units])
         for case in explained:
             case.explain(scope.name)
+
+
+def _batch_by_size(name: str, cases: Sequence[_Case], batches: Mapping[str, set[str]]) -> str:
+    """The batch most of whose units have another size of a cause than nearly all others, "" for
+    none: beyond the middle between both means, which differ by Student's t.
+
+    The size of a unit is the mean of its values, each less the median of its joint.
+    """
+    by_joint: dict[str, list[tuple[str, float]]] = defaultdict(list)
+    for case in cases:
+        if (estimate := case.sizes.get(name)) and (size := told(estimate)):
+            unit, joint = case.place
+            by_joint[joint].append((unit, size[0]))
+    by_unit: dict[str, list[float]] = defaultdict(list)
+    for values in by_joint.values():
+        middle = float(np.median([size for _, size in values]))
+        for unit, size in values:
+            by_unit[unit].append(size - middle)
+    sizes = {unit: float(np.mean(values)) for unit, values in by_unit.items()}
+    chances = {}
+    for batch, units in batches.items():
+        inside, others = (
+            [sizes[it] for it in side] for side in (sizes.keys() & units, sizes.keys() - units)
+        )
+        if min(len(inside), len(others)) < LEAST:
+            continue
+        sign = np.sign(np.mean(inside) - np.mean(others))
+        middle = (np.mean(inside) + np.mean(others)) / 2.0
+        beyond = {unit for unit, size in sizes.items() if sign * (size - middle) > 0.0}
+        if _batch(beyond, {*sizes}, {batch: units}):
+            chances[batch] = ttest_ind(inside, others).pvalue * len(batches)
+    batch = min(chances, key=chances.__getitem__, default="")
+    return batch if batch and chances[batch] < SIZE_CHANCE else ""
 
 
 def _by_cause(cases: Sequence[_Case]) -> Iterator[tuple[str, dict[Place, float]]]:

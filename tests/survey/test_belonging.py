@@ -87,6 +87,39 @@ def test_a_batch_has_what_few_others_have(others: int, owner: str) -> None:
     assert belongings(jobs)[0].owner == owner
 
 
+def delays(random: np.random.Generator, late: int, by: float) -> list[Outcome]:
+    """20 units with 2 joints that have a delay of 30 and 50 ms, longer on the first ``late``."""
+    return [
+        outcome(
+            f"{k:02}",
+            joint,
+            {"transport_delay": (delay + by * (k < late) + 1e-3 * random.normal(), 1e-3)},
+            firmware="2" if k < late else "1",
+            day=f"{k // 2}",
+        )
+        for k in range(20)
+        for joint, delay in (("elbow", 0.03), ("wrist", 0.05))
+    ]
+
+
+@pytest.mark.parametrize("late", [3, 14])
+def test_a_batch_may_have_more_of_what_all_units_have(late: int) -> None:
+    found = belongings(delays(np.random.default_rng(1), late, 0.012))
+    assert [(it.owner, it.asked, len(it.places)) for it in found] == [
+        (BATCH, late, 2 * late),
+        (MODEL, 20 - late, 2 * (20 - late)),
+    ]
+    assert found[0].whose == "firmware = 2"
+    means = [it.size.mean for it in found if it.size]
+    assert means == pytest.approx([0.052, 0.04], abs=1e-3)
+
+
+def test_units_that_are_alike_hardly_ever_have_a_batch_of_another_size() -> None:
+    random = np.random.default_rng(2)
+    owners = [it.owner for _ in range(50) for it in belongings(delays(random, 8, 0.0))]
+    assert owners.count(BATCH) <= 3  # of 50; 1 in 100 is wanted
+
+
 def test_a_parameter_that_moved_on_most_units_belongs_to_the_model() -> None:
     jobs = [
         outcome(f"{k}", "elbow", parameters=[estimate("inertia", 3.0, 0.05, 1.0, 0.5)])
