@@ -192,7 +192,7 @@ def _batch_by_size(name: str, cases: Sequence[_Case], batches: Mapping[str, set[
         inside, others = (
             [sizes[it] for it in side] for side in (sizes.keys() & units, sizes.keys() - units)
         )
-        if min(len(inside), len(others)) < LEAST:
+        if not LEAST <= len(inside) <= len(others):  # the size of most units is the model's
             continue
         sign = np.sign(np.mean(inside) - np.mean(others))
         middle = (np.mean(inside) + np.mean(others)) / 2.0

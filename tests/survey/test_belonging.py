@@ -102,16 +102,19 @@ def delays(random: np.random.Generator, late: int, by: float) -> list[Outcome]:
     ]
 
 
-@pytest.mark.parametrize("late", [3, 14])
-def test_a_batch_may_have_more_of_what_all_units_have(late: int) -> None:
+@pytest.mark.parametrize(
+    ("late", "batch", "sizes"), [(3, "2", [0.052, 0.04]), (14, "1", [0.04, 0.052])]
+)
+def test_fewer_units_may_have_another_size_of_what_all_have(
+    late: int, batch: str, sizes: list[float]
+) -> None:
     found = belongings(delays(np.random.default_rng(1), late, 0.012))
-    assert [(it.owner, it.asked, len(it.places)) for it in found] == [
-        (BATCH, late, 2 * late),
-        (MODEL, 20 - late, 2 * (20 - late)),
+    few = min(late, 20 - late)
+    assert [(it.owner, it.whose, it.asked, len(it.places)) for it in found] == [
+        (BATCH, f"firmware = {batch}", few, 2 * few),
+        (MODEL, "", 20 - few, 2 * (20 - few)),
     ]
-    assert found[0].whose == "firmware = 2"
-    means = [it.size.mean for it in found if it.size]
-    assert means == pytest.approx([0.052, 0.04], abs=1e-3)
+    assert [it.size.mean for it in found if it.size] == pytest.approx(sizes, abs=1e-3)
 
 
 def test_units_that_are_alike_hardly_ever_have_a_batch_of_another_size() -> None:
