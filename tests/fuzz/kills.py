@@ -5,8 +5,9 @@
 A forked process runs a command and is killed at one of the moments at which it opens, moves or
 removes a file of its outputs, its cache or its temporary folder: at once, or up to 3 ms later.
 Outputs then are missing, as they were before, or whole; the command run again ends as it does
-undisturbed, with the same outputs; and no leftover, temporary folder or process stays.
-``tests/test_cache.py`` runs a share.
+undisturbed, with the same outputs; and no leftover, temporary folder or process stays.  A survey
+goes on where it was, so it is killed again and again until it is done: what was kept stays as it
+was, and at the end each job is there once.  ``tests/test_cache.py`` runs a share.
 """
 
 from __future__ import annotations
@@ -26,7 +27,8 @@ import tempfile
 import time
 import traceback
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from itertools import islice, repeat
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -81,6 +83,8 @@ class Command(NamedTuple):
     cold: bool = False
     replaces: bool = True
     """Whether it writes over what is there; the others refuse."""
+    keeps: str = ""
+    """Pattern of the files with which it goes on where it was."""
 
 
 COMMANDS = {
@@ -115,6 +119,7 @@ COMMANDS = {
     "survey": Command(
         ("survey", "fleet", "--no-reports", "--jobs", "1", "--out", "found"),
         ("found/survey.json", "found/index.html"),
+        keeps="found/jobs/*.json",
     ),
 }
 
@@ -252,7 +257,7 @@ class Bench:
         self.cache = cache
         self.killed = 0
         self.expected = run(self.command.words, place := self.place())
-        self.outputs = self._contents(place)
+        self.outputs, self.kept = self._contents(place), self._kept(place)
         if self.expected.code not in (0, 1) or None in self.outputs.values():
             raise RuntimeError(f"{name}: exit code {self.expected.code}: {self.expected.said}")
 
@@ -270,6 +275,31 @@ class Bench:
 
     def _contents(self, place: Place) -> dict[str, object]:
         return {name: content(place.work / name) for name in self.command.outputs}
+
+    def _kept(self, place: Place) -> dict[str, bytes]:
+        files = place.work.glob(self.command.keeps) if self.command.keeps else ()
+        return {file.name: file.read_bytes() for file in files}
+
+    def kill_until_done(self, most: int, draws: Iterator[tuple[int, float]]) -> str:
+        """Kill the command where it goes on, until it is done or was killed ``most`` times; return
+        what is wrong, or nothing."""
+        place, before = self.place(), dict[str, bytes]()
+        for at, delay in islice(draws, most):
+            ended = run(self.command.words, place, at, delay)
+            kept = self._kept(place)
+            if not before.items() <= kept.items():
+                return "what was kept is lost or done again"
+            if not all(_same(kept[it], self.kept.get(it)) for it in kept):
+                return "what is kept is half, or of no job"
+            if alive := _orphans():
+                return f"processes go on: {alive}"
+            if ended.code >= 0:
+                break
+            self.killed += 1
+            before = kept
+        return self._again(place) or (
+            "" if self._kept(place).keys() == self.kept.keys() else "lost"
+        )
 
     def kill(self, at: int, delay: float, over: bool) -> str:
         """Return what is wrong after a kill, or nothing."""
@@ -312,6 +342,14 @@ class Bench:
         return "cases that were done are done again"
 
 
+def _same(kept: bytes, expected: bytes | None) -> bool:
+    """Whether two JSON documents are equal but for the time that they took."""
+    try:
+        return expected is not None and _untimed(json.loads(kept)) == _untimed(json.loads(expected))
+    except ValueError:
+        return False
+
+
 def _whole_lines(path: Path) -> bytes:
     return path.read_bytes().rpartition(b"\n")[0] if path.exists() else b""
 
@@ -342,12 +380,21 @@ def _orphans() -> list[int]:
 def kills(name: str, count: int, rng: random.Random, bench: Bench) -> list[str]:
     """Kill a command ``count`` times, spread over its moments; return what was wrong."""
     faults = []
-    for k in range(count):
-        at = 1 + math.floor((k + rng.random()) / count * bench.expected.moments)
+
+    def delay() -> float:
         late = EARLIEST_SECONDS * (LATEST_SECONDS / EARLIEST_SECONDS) ** rng.random()
-        delay = rng.choice([0.0, late, late])
-        if fault := bench.kill(at, delay, over=bool(k % 2)):
-            faults.append(f"{name}, moment {at}, {1e3 * delay:.2f} ms later: {fault}")
+        return rng.choice([0.0, late, late])
+
+    # most are within the next jobs, and some at the end
+    draws = ((round(bench.expected.moments ** rng.random()), delay()) for _ in repeat(None))
+    while bench.command.keeps and bench.killed < count and not faults:
+        if fault := bench.kill_until_done(count - bench.killed, draws):
+            faults.append(f"{name}, after {bench.killed} kills: {fault}")
+    for k in range(0 if bench.command.keeps else count):
+        at = 1 + math.floor((k + rng.random()) / count * bench.expected.moments)
+        late = delay()
+        if fault := bench.kill(at, late, over=bool(k % 2)):
+            faults.append(f"{name}, moment {at}, {1e3 * late:.2f} ms later: {fault}")
     return faults
 
 
@@ -424,6 +471,8 @@ def caches(
 def trial(names: list[str], count: int, damaged: int, seed: int) -> int:
     """Run it all and print a table; return the number of faults."""
     ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
+    if "survey" in names:
+        import servo_models.survey.survey  # noqa: F401  every fork would do so anew
     faults: list[str] = []
     with tempfile.TemporaryDirectory(prefix="kills ") as scratch:
         folder = Path(scratch)
