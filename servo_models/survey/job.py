@@ -20,7 +20,7 @@ from servo_models.diagnosis.diagnose import diagnose
 from servo_models.diagnosis.ranking import Value
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.summary import sentence
-from servo_models.diagnosis.verdict import weights_by_effects
+from servo_models.diagnosis.verdict import NO_GAP, weights_by_effects
 from servo_models.errors import UserError
 from servo_models.identification.check import check
 from servo_models.identification.linear_inference import spread
@@ -29,6 +29,7 @@ from servo_models.report.document import Digest, Document, Figure, Magnitude, Sh
 from servo_models.report.html import page
 from servo_models.report.result import page_of
 
+FAILED = "failed"
 VERSION = 1  # of what is kept: it counts up when a reader of the one before would go wrong
 EPISODE_COST_TOLERANCE = 1e-4  # of the fit to an episode, which begins at that to all of them
 EPISODE_STEPS = 20  # least-squares steps of such a fit
@@ -124,6 +125,27 @@ class Outcome(Document, frozen=True, kw_only=True):
     diagnosis: Annotated[
         msgspec.Raw, about("As of servo-models diagnose --json; null: failed.")
     ] = msgspec.Raw(b"null")
+
+    @property
+    def said(self) -> str:
+        """The verdict, ``failed`` where there is none."""
+        return self.verdict or FAILED
+
+    @property
+    def taken(self) -> list[Cause]:
+        """The effects that were taken, most likely first."""
+        return [cause for cause in self.causes if cause.taken]
+
+    @property
+    def badness(self) -> tuple[int, float]:
+        """What sorts outcomes: no gap, then what failed, then gaps by size."""
+        rank = 1 if self.failure else 2 * (self.verdict != NO_GAP)
+        return rank, self.gap_before or 0.0
+
+    @property
+    def model(self) -> str:
+        """Actuator, of which each unit may have a copy, and variant."""
+        return f"{Path(self.actuator).name} {self.variant}"
 
 
 def run(job: Job) -> tuple[bytes, bytes]:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
-from msgspec.structs import replace
+from msgspec.structs import astuple, replace
 
 from servo_models.core.types import Array
 from servo_models.data.parameters import Estimate as Given
@@ -23,13 +23,12 @@ from servo_models.report.document import Document, Figure, about, choice
 from servo_models.report.numbers import ARROW, number, plural
 from servo_models.report.result import Result
 from servo_models.survey.belonging import MODEL, Belonging, Place, belongings
-from servo_models.survey.job import Cause, Estimate, Outcome
+from servo_models.survey.job import Estimate, Outcome
 from servo_models.survey.variation import Pooled, Split, outlying, split, told
 
 if TYPE_CHECKING:
     import polars as pl
 
-FAILED = "failed"
 MOST_SPLITS = 24  # parameters of which a page has a mixed model
 CHANGES = WORSE, BETTER, NEW, GONE, OTHER = ("worse", "better", "new", "gone", "other")
 FLOATS = ("size", "standard_error", "probability", "gap_before", "gap_after", "held_out")
@@ -92,7 +91,7 @@ class Survey(Result):
     @cached_property
     def worst(self) -> list[Outcome]:
         """Outcomes, the largest gap first; those that failed come before those without a gap."""
-        return sorted(self.outcomes, key=badness, reverse=True)
+        return sorted(self.outcomes, key=lambda it: it.badness, reverse=True)
 
     @cached_property
     def by_place(self) -> dict[Place, Outcome]:
@@ -172,11 +171,8 @@ class Survey(Result):
         texts = dict.fromkeys(("unit", "joint", "episode"), str)
         names = {"name": str, "measure": str}
         floats = dict.fromkeys(("nominal", "prior", "value", "standard_error"), float)
-        rows = (
-            (*place, *(getattr(estimate, key) for key in estimate.__struct_fields__))
-            for *place, estimate in values_of(self.outcomes)
-        )
-        return pl.DataFrame([*rows], {**texts, "held_out": bool, **names, **floats}, orient="row")
+        rows = [(*place, *astuple(estimate)) for *place, estimate in values_of(self.outcomes)]
+        return pl.DataFrame(rows, {**texts, "held_out": bool, **names, **floats}, orient="row")
 
     def diagnosis(self, unit: str, joint: str) -> Any:
         """Return a diagnosis as of ``servo-models diagnose --json``, None where the job failed.
@@ -203,17 +199,17 @@ class Survey(Result):
             ``sm.write_parameters(survey.common("elbow"), "elbow.toml")``
         """
         chosen = [it for it in self.outcomes if not it.failure and joint in (None, it.joint)]
-        models = {model_of(it) for it in chosen}
+        models = {it.model for it in chosen}
         if len(models) != 1:
             joints = ", ".join(sorted({it.joint for it in self.outcomes if not it.failure}))
             raise UserError(f"{len(models)} actuators to take a mean of: name a joint of {joints}")
         every = (it for it in self.belongings if it.owner == MODEL)
         shared = {it.name for it in every if not it.joints or joint in it.joints}
         found: dict[str, list[Value]] = defaultdict(list)
-        for value in values_of(chosen):
-            effect, dot, _ = value.estimate.name.partition(".")
-            if told(value.estimate) and (not dot or effect in shared):
-                found[value.estimate.name].append(value)
+        for (of, name), values in self.values.items():
+            effect, dot, _ = name.partition(".")
+            if joint in (None, of) and (not dot or effect in shared):
+                found[name] += values
         estimates = []
         for values in found.values():
             if mean := variation(joint or "", values):
@@ -229,49 +225,31 @@ class Survey(Result):
         return ParameterSet(chosen[0].actuator, chosen[0].variant, tuple(estimates), method=method)
 
 
-def model_of(outcome: Outcome) -> str:
-    """Return actuator and variant, of which each unit may have a copy; "" where it failed."""
-    return f"{Path(outcome.actuator).name} {outcome.variant}".strip()
-
-
 def told_apart(outcomes: Sequence[Outcome]) -> tuple[Outcome, ...]:
     """Return outcomes with the actuator behind the joint, where joints of one name have several:
     their values and causes are not to be compared."""
-    models = {(outcome.joint, model_of(outcome)) for outcome in outcomes if not outcome.failure}
+    models = {(outcome.joint, outcome.model) for outcome in outcomes if not outcome.failure}
     often = Counter(joint for joint, _ in models)
     return tuple(
-        replace(it, joint=f"{it.joint} ({model_of(it)})")
+        replace(it, joint=f"{it.joint} ({it.model})")
         if often[it.joint] > 1 and not it.failure
         else it
         for it in outcomes
     )
 
 
-def verdict(outcome: Outcome) -> str:
-    """Return the verdict, ``failed`` where there is none."""
-    return outcome.verdict or FAILED
-
-
-def causes(outcome: Outcome) -> list[Cause]:
-    """Return the effects that were taken, most likely first."""
-    return [cause for cause in outcome.causes if cause.taken]
-
-
-def badness(outcome: Outcome) -> tuple[int, float]:
-    """Return what sorts outcomes: no gap, then what failed, then gaps by size."""
-    rank = 1 if outcome.failure else 2 * (outcome.verdict != NO_GAP)
-    return rank, outcome.gap_before or 0.0
-
-
 def _by_place(outcomes: Iterable[Outcome]) -> dict[Place, Outcome]:
-    return {(outcome.unit, outcome.joint): outcome for outcome in sorted(outcomes, key=badness)}
+    return {
+        (outcome.unit, outcome.joint): outcome
+        for outcome in sorted(outcomes, key=lambda it: it.badness)
+    }
 
 
 def _row(outcome: Outcome) -> dict[str, object]:
-    taken = causes(outcome)
+    taken = outcome.taken
     size = next((size for cause in taken for size in cause.sizes), None)
     row: dict[str, object] = {
-        "verdict": verdict(outcome),
+        "verdict": outcome.said,
         "causes": ", ".join(cause.effect for cause in taken),
         "size": size and size.value,
         "standard_error": size and size.standard_error,
@@ -292,7 +270,7 @@ def _row(outcome: Outcome) -> dict[str, object]:
 def values_of(outcomes: Iterable[Outcome]) -> Iterator[Value]:
     """Yield nominal parameters and sizes of the effects that were taken, then each episode's."""
     for it in outcomes:
-        for estimate in (*it.parameters, *(size for cause in causes(it) for size in cause.sizes)):
+        for estimate in (*it.parameters, *(size for cause in it.taken for size in cause.sizes)):
             yield Value(it.unit, it.joint, None, False, estimate)
         for episode in it.episodes:
             for estimate in episode.estimates:
@@ -318,10 +296,10 @@ def variation(joint: str, values: Iterable[Value]) -> Variation | None:
 def _difference(place: Place, before: Outcome | None, now: Outcome | None) -> Difference | None:
     if before is None or now is None:
         only = now or before
-        return Difference(*place, NEW if now else GONE, verdict(only)) if only else None
-    was, got = ({cause.effect for cause in causes(it)} for it in (before, now))
+        return Difference(*place, NEW if now else GONE, only.said) if only else None
+    was, got = ({cause.effect for cause in it.taken} for it in (before, now))
     earlier, gap = (it.gap_before_interval or (np.nan, np.nan) for it in (before, now))
-    verdicts = f"{verdict(before)} {ARROW} {verdict(now)}"
+    verdicts = f"{before.said} {ARROW} {now.said}"
     sets = f" {ARROW} ".join(", ".join(sorted(names)) or "no cause" for names in (was, got))
     gaps = f"gap {number(before.gap_before, 3)} {ARROW} {number(now.gap_before, 3)}"
     for worse, better, why in (

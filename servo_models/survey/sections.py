@@ -18,21 +18,17 @@ from servo_models.report.result import Report, document_of, report_of
 from servo_models.report.sections import Card, Cell, Mark, Picture, Section, Table
 from servo_models.report.style import colour
 from servo_models.survey.belonging import MODEL, SINGLE, UNIT, Belonging, Place
-from servo_models.survey.job import Estimate, Outcome
+from servo_models.survey.job import FAILED, Estimate, Outcome
 from servo_models.survey.result import (
     BETTER,
-    FAILED,
     MOST_SPLITS,
     WORSE,
     Difference,
     Survey,
     Value,
     Variation,
-    badness,
-    causes,
     told_arrays,
     values_of,
-    verdict,
 )
 from servo_models.survey.variation import Split
 from servo_models.units import factor
@@ -55,7 +51,7 @@ ALIKE_SHARE = 0.5  # variation of sizes over their mean, up to which they are al
 NORMAL_95 = 1.96  # standard errors of an interval of 95 %
 ROW = 0.42  # height of a unit in a picture [inch]
 WORST, WHOSE, LEFT_OUT = "The worst", "Whom causes belong to", "Failed, and notes"
-SPECIFIC = re.compile(r"'([^']*)'|\d+(?:\.\d+)?")
+SPECIFIC = re.compile(r"'([^']*)'|0x[0-9a-f]+|\d+(?:\.\d+)?")
 """What differs between reports of one reason."""
 SHARES = ("unit share", "episode share", "rest")
 
@@ -81,7 +77,7 @@ def report(survey: Survey, date: str = "") -> Report:
 
 def _sentence(survey: Survey) -> str:
     units, joints = (len({*names}) for names in zip(*survey.by_place))
-    counts = Counter(verdict(outcome) for outcome in survey.outcomes)
+    counts = Counter(outcome.said for outcome in survey.outcomes)
     told = {NO_GAP: "without a gap", PARAMETERS: "explained by parameters", FAILED: "failed"}
     others = len(survey.outcomes) - sum(counts[kind] for kind in told)
     parts = [f"{others} of {len(survey.outcomes)} lack something" if others else ""]
@@ -92,18 +88,14 @@ def _sentence(survey: Survey) -> str:
 
 def _cards(survey: Survey) -> Iterator[Card]:
     worst = survey.worst[0]
-    if badness(worst)[0] > 1:
-        said = ", ".join(_names(worst)) or verdict(worst)
+    if worst.badness[0] > 1:
+        said = ", ".join(cause.effect for cause in worst.taken) or worst.said
         gap = f"{number(worst.gap_before, 3)} noise floors"
         yield Card("worst", f"{worst.unit}, {worst.joint}: {said}, {gap}", section=WORST)
     shared = [it for it in survey.belongings if it.owner != SINGLE]
     if shared:
         lines = [*map(words, shared[:MOST_NAMES]), *_more(shared, MOST_NAMES)]
         yield Card("shared causes", "\n".join(lines), section=WHOSE)
-
-
-def _names(outcome: Outcome) -> list[str]:
-    return [cause.effect for cause in causes(outcome)]
 
 
 def quantity(value: float, unit: str, error: float | None = None) -> Quantity:
@@ -124,7 +116,7 @@ def _mark(survey: Survey, outcome: Outcome) -> Mark:
     neither = outcome.verdict in (PARAMETERS, NOT_IDENTIFIABLE)
     gap = "" if outcome.failure else f" {number(outcome.gap_before, 2)}"
     return Mark(
-        f"{verdict(outcome)}{gap}",
+        f"{outcome.said}{gap}",
         None if neither else outcome.verdict == NO_GAP,
         page if (survey.folder / page).exists() else "",
     )
@@ -163,13 +155,13 @@ def _worst(survey: Survey) -> Table:
             *(it.unit, it.joint, _mark(survey, it)),
             ", ".join(
                 " ".join([cause.effect, *(str(_size(size)) for size in cause.sizes[:1])])
-                for cause in causes(it)
+                for cause in it.taken
             ),
-            percent(causes(it)[0].probability) if causes(it) else "",
+            percent(it.taken[0].probability) if it.taken else "",
             *(it.gap_after, it.held_out),
         )
         for it in survey.worst[:MOST_WORST]
-        if badness(it)[0]
+        if it.badness[0]
     ]
     columns = ("unit", "joint", "verdict", "causes", "probability", "left", "held out")
     return Table("", columns, tuple(rows))
@@ -339,8 +331,10 @@ def _left_out(survey: Survey) -> Iterator[Table]:
     quoted = [(note, re.search("'([^']+)'", note)) for note in survey.notes]
     notes = [(note, found[1] if found else "") for note, found in quoted]
     for title, reasons in (("Failed", failed), ("Notes", notes)):
-        rows = ((why, len(it), "; ".join(it[:MOST_NAMES])) for why, it in grouped(reasons))
-        yield Table(title, ("why", "times", "such as"), tuple(rows))
+        every = grouped(reasons)
+        rows = [(why, len(it), "; ".join(it[:MOST_NAMES])) for why, it in every[:MOST_ITEMS]]
+        more = [(text, None, "") for text in _more(every, MOST_ITEMS)]
+        yield Table(title, ("why", "times", "such as"), (*rows, *more))
 
 
 def grouped(reasons: Iterable[tuple[str, str]]) -> list[tuple[str, list[str]]]:
@@ -373,7 +367,7 @@ def document(survey: Survey) -> SurveyDocument:
     return SurveyDocument(
         survey.name,
         _sentence(survey),
-        Counter(map(verdict, survey.outcomes)),
+        Counter(outcome.said for outcome in survey.outcomes),
         survey.belongings,
         survey.variations,
         survey.differences,

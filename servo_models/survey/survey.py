@@ -78,7 +78,7 @@ def survey(
     if jobs is not None and jobs < 1:
         raise UserError(f"jobs {jobs}: give a number of processes, 1 or more")
     processes = jobs or os.cpu_count() or 1
-    earlier = read_outcomes(Path(before)) if before else ()
+    earlier = told_apart(read_outcomes(Path(before))) if before else ()
     tell = tell or (lambda *_: None)
     store = Store(folder)
     tell(0, None, f"looking for joints in '{root}'")

@@ -188,9 +188,10 @@ def test_many_joints_of_few_units_are_rows() -> None:
 
 def test_one_reason_is_one_row() -> None:
     """However many files have it."""
-    reasons = [(f"'log_{k}.csv' is no log: row {k}", f"unit {k}") for k in range(10_000)]
+    text = "'log_{0}.csv' is no log: row {0}, byte 0x{0:02x}"
+    reasons = [(text.format(k), f"unit {k}") for k in range(10_000)]
     ((why, names), other) = grouped([*reasons, ("the disk is full", "unit x")])
-    assert (why, len(names)) == ("'log_0.csv' is no log: row 0", 10_000)
+    assert (why, len(names)) == (text.format(0), 10_000)
     assert other == ("the disk is full", ["unit x"])
 
 
