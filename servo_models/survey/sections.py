@@ -42,10 +42,9 @@ MOST_UNITS = 200  # rows of the matrix,
 OPEN_UNITS = 20  # of which so many are not behind a click
 MOST_JOINTS = 12  # columns of the matrix, above which they become rows, if they are the more
 MOST_WORST = 10  # rows
-MOST_ITEMS = 20  # sentences of a kind
+MOST_ITEMS = 20  # sentences or rows of a kind
 MOST_PICTURES = 4
 MOST_DRAWN = 12  # units of a picture
-MOST_CHANGES = 20  # rows
 MOST_NAMES = 3  # examples of a reason
 ALIKE_SHARE = 0.5  # variation of sizes over their mean, up to which they are alike
 NORMAL_95 = 1.96  # standard errors of an interval of 95 %
@@ -221,13 +220,13 @@ def _changes(survey: Survey) -> Section:
     told = ", ".join(f"{count} {kind}" for kind, count in kinds.items()) or "nothing changed"
     rows = (
         (Mark(it.kind, passed.get(it.kind)), it.unit, it.joint, it.why)
-        for it in survey.differences[:MOST_CHANGES]
+        for it in survey.differences[:MOST_ITEMS]
     )
     return Section(
         "Since before",
         "Worse: it failed and did not; a gap, where there was none; a cause more; the interval of"
         " the gap is above the earlier one. Better is the reverse.",
-        (told, *_more(survey.differences, MOST_CHANGES)) if survey.earlier else (),
+        (told, *_more(survey.differences, MOST_ITEMS)) if survey.earlier else (),
         tables=(Table("", ("change", "unit", "joint", "why"), tuple(rows)),),
     )
 

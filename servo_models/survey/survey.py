@@ -136,6 +136,7 @@ class _Work:
         before, every = len(self.outcomes), len(self.jobs)
         units = len({job.unit for job in self.jobs.values()})
         seconds = [outcome.seconds for outcome in self.outcomes.values() if not outcome.failure]
+        failures = f" ({before - len(seconds)} failed)" if len(seconds) < before else ""
         if before == every:
             left = ""
         elif seconds:
@@ -143,7 +144,7 @@ class _Work:
         else:
             left = f" {where}; the first that is done will tell how long it takes"
         joints = f"{plural(every, 'joint')} of {plural(units, 'unit')}"
-        self.tell(0, None, f"{joints}: {before} done, {every - before} to do{left}")
+        self.tell(0, None, f"{joints}: {before} done{failures}, {every - before} to do{left}")
         try:
             while len(self.outcomes) < every:
                 with closing(engine(self._todo())) as results:

@@ -102,7 +102,7 @@ def test_what_is_done_is_not_done_again(tmp_path: Path) -> None:
     (fleet / "unit_1" / "joint.toml").write_text(f"{BROKEN}\n# corrected")
     said: list[str] = []
     survey(fleet, out, jobs=1, tell=lambda done, every, text: said.append(text))
-    assert "2 done, 1 to do on 1 processor; the first" in said[1]
+    assert "2 done (2 failed), 1 to do on 1 processor; the first" in said[1]
     assert len(kept(out)) == 4
     assert all(file.stat().st_mtime_ns == stamp for file, stamp in stamps.items())
 
@@ -118,7 +118,7 @@ def test_how_long_it_takes_is_told_by_what_was_done(tmp_path: Path) -> None:
     whole.write_bytes(msgspec.json.encode(done))
     said: list[str] = []
     survey(fleet, out, jobs=1, tell=lambda done, every, text: said.append(text))
-    assert said[1].endswith("2 done, 1 to do, about 2 min on 1 processor")
+    assert said[1].endswith("2 done (1 failed), 1 to do, about 2 min on 1 processor")
 
 
 def test_a_killed_survey_goes_on_where_it_was(tmp_path: Path) -> None:
