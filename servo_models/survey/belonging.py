@@ -13,6 +13,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from dataclasses import dataclass
 from functools import partial
 from itertools import chain
+from statistics import fmean, median
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -172,32 +173,30 @@ def _taken_off(
 
 def _batch_by_size(name: str, cases: Sequence[_Case], batches: Mapping[str, set[str]]) -> str:
     """The batch most of whose units have another size of a cause than nearly all others, "" for
-    none: beyond the middle between both means, which differ by Student's t.
+    none: sizes nearer to its mean than to that of others, and means that differ by Student's t.
 
     The size of a unit is the mean of its values, each less the median of its joint.
     """
     by_joint: dict[str, list[tuple[str, float]]] = defaultdict(list)
     for case in cases:
-        if (estimate := case.sizes.get(name)) and (size := told(estimate)):
+        if (estimate := case.sizes.get(name)) and (known := told(estimate)):
             unit, joint = case.place
-            by_joint[joint].append((unit, size[0]))
+            by_joint[joint].append((unit, known[0]))
     by_unit: dict[str, list[float]] = defaultdict(list)
     for values in by_joint.values():
-        middle = float(np.median([size for _, size in values]))
+        middle = median(size for _, size in values)
         for unit, size in values:
             by_unit[unit].append(size - middle)
-    sizes = {unit: float(np.mean(values)) for unit, values in by_unit.items()}
-    chances = {}
+    sizes = {unit: fmean(values) for unit, values in by_unit.items()}
+    chances: dict[str, float] = {}
     for batch, units in batches.items():
-        inside, others = (
-            [sizes[it] for it in side] for side in (sizes.keys() & units, sizes.keys() - units)
-        )
+        inside = [size for unit, size in sizes.items() if unit in units]
+        others = [size for unit, size in sizes.items() if unit not in units]
         if not LEAST <= len(inside) <= len(others):  # the size of most units is the model's
             continue
-        sign = np.sign(np.mean(inside) - np.mean(others))
-        middle = (np.mean(inside) + np.mean(others)) / 2.0
-        beyond = {unit for unit, size in sizes.items() if sign * (size - middle) > 0.0}
-        if _batch(beyond, {*sizes}, {batch: units}):
+        mean, rest = fmean(inside), fmean(others)
+        nearer = {unit for unit, size in sizes.items() if abs(size - mean) < abs(size - rest)}
+        if _batch(nearer, {*sizes}, {batch: units}):
             chances[batch] = ttest_ind(inside, others).pvalue * len(batches)
     batch = min(chances, key=chances.__getitem__, default="")
     return batch if batch and chances[batch] < SIZE_CHANCE else ""

@@ -103,8 +103,10 @@ def on_cluster(jobs: Iterator[Job], address: str) -> Generator[Done, None, None]
 
     def do(job: Job) -> Done:
         digests = {str(path): digest(path) for path in files_of(job.description)}
-        done = client.submit(_read_there, job, digests, pure=False).result()
-        return done or client.submit(_sent_there, job, _content(job), pure=False).result()
+        done: Done | None = client.submit(_read_there, job, digests, pure=False).result()
+        if done is None:
+            done = client.submit(_sent_there, job, _content(job), pure=False).result()
+        return done
 
     with closing(client):
         try:
@@ -142,21 +144,21 @@ def _content(job: Job) -> list[tuple[str, bytes]]:
     return [(os.path.relpath(path, root), path.read_bytes()) for path in files]
 
 
-_there = threading.local()
+class _There(threading.local):
+    """What a thread of a Dask worker has."""
+
+    def __init__(self) -> None:
+        self.worker = Worker()
 
 
-def _worker_there() -> Worker:
-    """The process of a thread of a Dask worker."""
-    if not hasattr(_there, "worker"):
-        _there.worker = Worker()
-    return _there.worker
+_there = _There()
 
 
 def _read_there(job: Job, digests: dict[str, str]) -> Done | None:
     """Do a job on a cluster, None where its files are other ones there."""
     if any(digest(Path(path)) != known for path, known in digests.items()):
         return None
-    return _worker_there()(job)
+    return _there.worker(job)
 
 
 def _sent_there(job: Job, files: Sequence[tuple[str, bytes]]) -> Done:
@@ -166,6 +168,4 @@ def _sent_there(job: Job, files: Sequence[tuple[str, bytes]]) -> Done:
             path = Path(folder, name)
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(content)
-        return _worker_there()(replace(job, description=Path(folder, files[0][0])))._replace(
-            job=job
-        )
+        return _there.worker(replace(job, description=Path(folder, files[0][0])))._replace(job=job)

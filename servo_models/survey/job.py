@@ -194,8 +194,15 @@ def failed(job: Job, why: str, seconds: float = 0.0) -> bytes:
 
 
 def _kept(job: Job, **known: Any) -> bytes:
-    place = {"key": job.key, "unit": job.unit, "joint": job.joint, "conditions": job.conditions}
-    return msgspec.json.encode(Outcome(**place, description=job.description.name, **known))
+    outcome = Outcome(
+        key=job.key,
+        unit=job.unit,
+        joint=job.joint,
+        conditions=job.conditions,
+        description=job.description.name,
+        **known,
+    )
+    return msgspec.json.encode(outcome)
 
 
 def _estimates(found: Diagnosis, values: Iterable[Value]) -> list[Estimate]:
