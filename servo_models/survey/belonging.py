@@ -49,7 +49,9 @@ class Belonging(Document, frozen=True):
     joints: Annotated[Sequence[str], about("None are all.")]
     places: Annotated[Sequence[Place], about("Unit and joint where it was found.")]
     asked: Annotated[int, about("Units of the model or the batch; joints of the unit.")]
-    size: Annotated[Pooled | None, about("Of its first parameter; null: no log tells it.")]
+    size: Annotated[
+        Pooled | None, about("Of its first parameter; null: no log tells it, or of several units.")
+    ]
     smallest: Figure
     largest: Figure
     measure: Annotated[str, about("Unit of measure of these.")]
@@ -175,7 +177,7 @@ def _batch_by_size(name: str, cases: Sequence[_Case], batches: Mapping[str, set[
     """The batch most of whose units have another size of a cause than nearly all others, "" for
     none: sizes nearer to its mean than to that of others, and means that differ by Student's t.
 
-    The size of a unit is the mean of its values, each less the median of its joint.
+    The size of a unit is the mean of its values, each as a share of the median of its joint.
     """
     by_joint: dict[str, list[tuple[str, float]]] = defaultdict(list)
     for case in cases:
@@ -186,7 +188,7 @@ def _batch_by_size(name: str, cases: Sequence[_Case], batches: Mapping[str, set[
     for values in by_joint.values():
         middle = median(size for _, size in values)
         for unit, size in values:
-            by_unit[unit].append(size - middle)
+            by_unit[unit].append((size - middle) / (abs(middle) or 1.0))
     sizes = {unit: fmean(values) for unit, values in by_unit.items()}
     chances: dict[str, float] = {}
     for batch, units in batches.items():
@@ -259,6 +261,9 @@ def _batch(there: set[str], asked: set[str], batches: Mapping[str, set[str]]) ->
 def _belonging(scope: _Scope, cases: Sequence[_Case]) -> Belonging:
     """What these cases say of the cause, each of which may have it."""
     estimates = [one for case in cases if (one := case.sizes.get(scope.name))]
+    measures = {one.unit for one in estimates}
+    if len(measures) > 1:  # such as friction of a turning and of a sliding joint
+        estimates = []
     known = np.array([size for one in estimates if (size := told(one))]).reshape(-1, 2)
     tables = [case.instead_of(scope.name) for case in cases]
     every = sorted({*chain(*tables)}, key=sorted)
@@ -277,7 +282,7 @@ def _belonging(scope: _Scope, cases: Sequence[_Case]) -> Belonging:
         pooled(*known.T) if len(known) else None,
         min(known[:, 0], default=None),
         max(known[:, 0], default=None),
-        estimates[0].unit if estimates else "",
+        measures.pop() if estimates else "",
         float(np.mean(single)),
         [sorted(every[k]) for k in held],
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given
@@ -56,6 +57,14 @@ def test_sizes_that_are_not_alike_are_a_range() -> None:
     jobs = [outcome(f"{k}", "elbow", {"transport_delay": (0.01 * 3**k, 1e-3)}) for k in range(3)]
     (found,) = belongings(jobs)
     assert words(found).endswith("the model: 10 to 90 ms on 3 of 3 units")
+
+
+def test_sizes_of_several_units_of_measure_are_not_compared() -> None:
+    turning, sliding = (outcome("7", joint, PLAY) for joint in ("wrist", "gripper"))
+    size = msgspec.structs.replace(sliding.causes[0].sizes[0], unit="m")
+    sliding.causes[0].sizes[:] = [size]
+    (worn,) = belongings([turning, sliding])
+    assert words(worn).endswith("unit 7: of no common size that logs tell on 2 of 2 joints")
 
 
 def test_one_unit_has_no_model_and_one_joint_no_unit() -> None:
