@@ -135,12 +135,14 @@ def _matrix(survey: Survey) -> Section:
         return _mark(survey, found) if found else None
 
     shown = tuple((row, *(cell(row, it) for it in columns)) for row in rows[:MOST_UNITS])
-    more = f" of {len(rows)}, all are in the table" if len(rows) > len(shown) else ""
+    cut = (
+        f"{len(shown)} of {len(rows)}, all are in the table" if len(rows) > len(shown) else "first"
+    )
     headings = ("joint" if turned else "unit", *columns)
     others = shown[OPEN_UNITS:]
     return Section(
         "Verdicts",
-        f"Each with the gap of its model [noise floors]. The worst {len(shown)}{more}.",
+        f"Each with the gap of its model [noise floors]. The worst {cut}.",
         tables=(
             Table("", headings, shown[:OPEN_UNITS]),
             Table(f"The next {len(others)}", headings, others, folded=True),
