@@ -183,7 +183,7 @@ def words(it: Belonging) -> str:
 def _sizes(it: Belonging) -> str:
     size, low, high = it.size, it.smallest, it.largest
     if size is None or low is None or high is None:
-        return "of no common size that logs tell"
+        return "of no common size" if len(it.places) > 1 else "of no size that the logs tell"
     if size.between <= ALIKE_SHARE * abs(size.mean):
         return str(quantity(size.mean, it.measure, size.spread))
     limits = [quantity(limit, it.measure) for limit in (low, high)]

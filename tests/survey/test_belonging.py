@@ -64,7 +64,7 @@ def test_sizes_of_several_units_of_measure_are_not_compared() -> None:
     size = msgspec.structs.replace(sliding.causes[0].sizes[0], unit="m")
     sliding.causes[0].sizes[:] = [size]
     (worn,) = belongings([turning, sliding])
-    assert words(worn).endswith("unit 7: of no common size that logs tell on 2 of 2 joints")
+    assert words(worn).endswith("unit 7: of no common size on 2 of 2 joints")
 
 
 def test_one_unit_has_no_model_and_one_joint_no_unit() -> None:
