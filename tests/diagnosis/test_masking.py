@@ -25,6 +25,8 @@ from servo_models.diagnosis.search.priors import prior_parameters
 from servo_models.diagnosis.search.screening import screening_results
 from servo_models.diagnosis.sections import tables
 from servo_models.diagnosis.verdict import Verdict
+from studies.masked_inertia import listed
+from studies.masked_inertia import rig as rig_with_inertia
 from tests.conftest import Run
 from tests.support.logs import changed
 from tests.support.schemas import check_schema
@@ -221,6 +223,11 @@ def test_the_order_of_looks_decides_nothing(found: Diagnosis) -> None:
     results = screening_results([retuned.linearised], candidates(fitter.model, fitter.logs))
     one, other = (masked_effects(fitter, retuned, it, 2.0) for it in (results, results[::-1]))
     assert {it.name: it.moved for it in one} == {it.name: it.moved for it in other}
+
+
+def test_codes_in_the_loop_hide_no_added_inertia() -> None:
+    """It is the servo's own inertia by another name, whatever jumps with the codes."""
+    assert listed(rig_with_inertia("xl330", 0.5, seed=20264455))
 
 
 def test_the_reach_of_an_effect_is_that_of_its_largest_size(found: Diagnosis) -> None:

@@ -17,7 +17,7 @@ from servo_models.diagnosis.search.candidates import Candidate, Values
 from servo_models.diagnosis.search.fitting import FittedModel, Fitter
 from servo_models.diagnosis.search.screening import Screened
 from servo_models.errors import UserError
-from servo_models.identification.linear_inference import Linearisation
+from servo_models.identification.linear_inference import Linearisation, information
 
 HALVINGS = 2  # bisection steps from a masked size to the next one, which is detectable
 UNMASKED_SHARE = 0.3  # share of a change left by slopes, above which parameters do not imitate it
@@ -49,13 +49,20 @@ def masked_effects(
 ) -> list[MaskedEffect]:
     """Return effects that may be there beside re-tuned parameters, of those that move the outputs
     by ``least`` [RMS, noise floors], the largest first."""
+    linear, shown = retuned.linearised, fitter.settings.shown_deviations
+    allowed = shown**2 * retuned.evidence.dispersion
+    if fitter.rough:  # short slopes are up to half roughness, and a dent is left by any re-tuning
+        told = information(retuned.problem, linear.vector)
+        linear = replace(linear, slopes=told.slopes)
+        allowed += shown * float(np.sqrt(2.0 * np.sum(told.jitter**2)))
     alike: dict[tuple[object, ...], list[Screened]] = {}
     for result in results:
         # a ripple is screened as a share of each phase, at no size of its own; codes and clocks
         # show in the data, whatever parameters do
         smooth = result.waves is None and not result.candidate.discontinuous
         if result.linearised is retuned.linearised and smooth:
-            alike.setdefault(_kind(result), []).append(result)
+            beside = replace(result, linearised=linear, difference=linear.without(result.change))
+            alike.setdefault(_kind(result), []).append(beside)
     largest: dict[str, MaskedEffect] = {}
     tried: Counter[str] = Counter()
     for sizes in sorted(alike.values(), key=lambda group: -_promised(group)):
@@ -63,7 +70,7 @@ def masked_effects(
         wanted = max(least, largest[name].moved) if name in largest else least
         if _promised(sizes) > wanted and tried[name] < SHAPES_TRIED:
             tried[name] += 1
-            masked = _largest(fitter, retuned, sizes)
+            masked = _largest(fitter, retuned, sizes, allowed)
             if masked and masked.moved > wanted:
                 largest[name] = masked
     return sorted(largest.values(), key=lambda masked: -masked.moved)
@@ -90,7 +97,7 @@ def _alike(result: Screened) -> bool:
 
 
 def _largest(
-    fitter: Fitter, retuned: FittedModel, sizes: Iterable[Screened]
+    fitter: Fitter, retuned: FittedModel, sizes: Iterable[Screened], allowed: float
 ) -> MaskedEffect | None:
     """The effect of one sign and shape at the largest of its sizes that does not show: the largest
     one, else by bisection, and then nearer to the next one, which does."""
@@ -100,7 +107,7 @@ def _largest(
     while hidden < middle < shown:
         result = imitated[middle]
         start = result.linearised.start(result.change)
-        masked = _masked(fitter, retuned, result.candidate, result.settings, start)
+        masked = _masked(fitter, retuned, result.candidate, result.settings, start, allowed)
         if masked:
             largest, hidden = masked, middle
         else:
@@ -113,7 +120,7 @@ def _largest(
     for _ in range(HALVINGS):
         between = {name: 0.5 * (low.get(name, value) + value) for name, value in high.items()}
         start = largest.fitted_model.values if largest else retuned.values
-        masked = _masked(fitter, retuned, candidate, between, start)
+        masked = _masked(fitter, retuned, candidate, between, start, allowed)
         if masked:
             low, largest = between, masked
         else:
@@ -122,24 +129,30 @@ def _largest(
 
 
 def _masked(
-    fitter: Fitter, retuned: FittedModel, candidate: Candidate, settings: Values, start: Values
+    fitter: Fitter,
+    retuned: FittedModel,
+    candidate: Candidate,
+    settings: Values,
+    start: Values,
+    allowed: float,
 ) -> MaskedEffect | None:
     """An effect at some settings with parameters re-tuned beside it, None where it shows."""
     on = replace(fitter.model, values={**fitter.model.values, **settings})
     slopes, other = retuned.linearised.slopes, replace(fitter, model=on)
     fitted = other.fit((candidate.name,), (), start, slopes, limit=MASKED_FIT_STEPS)
-    return None if _stands_out(fitted, retuned) else MaskedEffect(fitted, _moved(fitted, retuned))
+    if _stands_out(fitted, retuned, allowed):
+        return None
+    return MaskedEffect(fitted, _moved(fitted, retuned))
 
 
-def _stands_out(model: FittedModel, retuned: FittedModel) -> bool:
-    """Whether an effect leaves more of the data than noise would make of what parameters alone
-    leave, or strains these further than their priors allow."""
+def _stands_out(model: FittedModel, retuned: FittedModel, allowed: float) -> bool:
+    """Whether an effect leaves more squared errors of the data than ``allowed`` beyond what
+    parameters alone leave, or strains these further than their priors allow."""
     (now, priors), (was, priors_were) = (
         np.split(it.linearised.errors, [retuned.problem.samples]) for it in (model, retuned)
     )
     more, strain = now @ now - was @ was, priors @ priors - priors_were @ priors_were
-    shown = model.settings.shown_deviations**2
-    return bool(more > shown * retuned.evidence.dispersion or strain > shown)
+    return bool(more > allowed or strain > model.settings.shown_deviations**2)
 
 
 def _moved(model: FittedModel, retuned: FittedModel) -> float:
