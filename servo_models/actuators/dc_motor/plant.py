@@ -13,11 +13,12 @@ from servo_models.actuators.shaft import (
     shaft_contact,
     shaft_output,
 )
-from servo_models.actuators.wiring import input_scale, turning
+from servo_models.actuators.wiring import LEARNT, input_scale, residual_curves, turning
 from servo_models.core.block import Block
 from servo_models.core.catalogue import effects_on
 from servo_models.core.plant import Placement, Plant, State, Wire, internal_step, place
 from servo_models.effects.gear_compliance import compliant_load, compliant_output, resonance_step
+from servo_models.effects.residual_map import residual_drive, residual_reading, residual_torque
 
 TURN = 2.0 * math.pi  # rad
 VOLTS = 24.0
@@ -66,6 +67,7 @@ WIRES = (
     Wire("load_acceleration", "rad/s2", "acceleration behind the compliance", ACCELERATION),
     Wire("shaft_inertia", "kg.m2", "accelerated inertia", TORQUE / ACCELERATION),
     Wire("travel", "rad", "half range of the output", TURN, display="deg"),
+    *LEARNT,
 )
 MOTOR_VOLTAGE = Wire("motor_voltage", "V", "voltage on the winding", VOLTS)
 
@@ -91,8 +93,10 @@ TORQUES: Chain = (
     place("gear_compliance", compliant_load, "load", "load_acceleration"),
     *effects_on("friction", "load_friction"),
     *effects_on("load", "viscous_friction", "cogging"),
+    place("residual_map", residual_torque, "load"),
     *effects_on("friction", "coulomb_friction", "stribeck_friction"),
     motor.motor_torque,
+    *effects_on("motor_torque", "hysteresis"),
     *effects_on("motor_torque", "thermal_drift", full_scale={"high": 1e3}),
     motor.net_torque,
     shaft_acceleration,
@@ -126,6 +130,7 @@ def _plant(
             *SHAFT,
             input_scale("command_gain", command.name),
             input_scale("load_gain", LOAD.name),
+            *residual_curves(command.name),
             *drive,
             *TORQUES,
         ),
@@ -143,17 +148,33 @@ def _plant(
 VOLTAGE_PLANT = _plant(
     VOLTAGE,
     (MOTOR_VOLTAGE,),
-    (*_drive("voltage"), motor.terminals, motor.winding, *effects_on("current", "winding_lag")),
+    (
+        *_drive("voltage"),
+        motor.terminals,
+        place("residual_map", residual_drive, "motor_voltage"),
+        motor.winding,
+        *effects_on("current", "winding_lag"),
+    ),
     step=1e-4,  # a fifth of the time constant of the winding
 )
-CURRENT_PLANT = _plant(CURRENT, (), (*_drive("current_command"), motor.current_loop))
+CURRENT_PLANT = _plant(
+    CURRENT,
+    (),
+    (
+        *_drive("current_command"),
+        place("residual_map", residual_drive, "current_command"),
+        motor.current_loop,
+    ),
+)
 SPEED_PLANT = _plant(
     SPEED_COMMAND,
     (Wire("current_command", "A", "current that the speed loop asks for", AMPERES),),
     (
         *effects_on("speed_command", "transport_delay", "command_offset", "rate_limit"),
+        place("residual_map", residual_reading, "encoder_speed"),
         motor.speed_loop,
         *effects_on("current_command", "sample_hold", "drive_dead_zone"),
+        place("residual_map", residual_drive, "current_command"),
         motor.current_loop,
     ),
     State(

@@ -120,7 +120,12 @@ LOOP: tuple[Block | Placement, ...] = (
     ),
     servo.bridge,
     *effects_on(
-        "motor_voltage", "direction_asymmetry", "drive_dead_zone", "drive_lag", "thermal_drift"
+        "motor_voltage",
+        "direction_asymmetry",
+        "hysteresis",
+        "drive_dead_zone",
+        "drive_lag",
+        "thermal_drift",
     ),
     place("residual_map", residual_drive, "motor_voltage"),
     servo.winding,
