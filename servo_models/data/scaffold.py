@@ -520,7 +520,7 @@ def _match(wire: Wire, column: Column, plant: Plant, main: bool, command: bool) 
         score += LEAST_SCORE * (main and is_measured and not words & KNOWN)
     else:
         score += 3.0 * (main and is_command) - 1.5 * is_measured
-    if output and is_fed and not feeds:
+    if output and (feeds or is_fed):  # what is measured of a supply drives the model
         score = 0.0
     if not converts:
         score = LEAST_SCORE if main and is_command and not output else 0.0

@@ -148,3 +148,13 @@ def test_friction_that_grows_with_the_load_brings_the_nominal_servo_near_a_real_
     rig = logs_folder / "bam_xl330"
     dry = {"load_friction.coefficient": 0.26, "coulomb_friction.level": 0.02}
     assert mean_error(rig, dry) < 0.6 * mean_error(rig, {})
+
+
+def test_the_source_drops_by_what_the_bridge_takes() -> None:
+    """Kirchhoff: the current of the motor passes the source for the duty's share of the time."""
+    servo = model("smart_servo", "xl330", {"supply_sag.resistance": 0.8})
+    times = 0.02 * np.arange(40)
+    found = simulate(servo, times, {"goal": np.where(times < 0.3, 0.2, -0.5)})
+    drop = 5.0 - found["bridge_supply"]
+    np.testing.assert_allclose(drop, 0.8 * found["duty"] * found["current"], atol=1e-12)
+    assert drop.max() > 0.1

@@ -166,7 +166,7 @@ PLANT = Plant(
         ),
     ),
     projection=shaft_contact,
-    outputs=("angle", "rate", "angle_reading", "duty", "current"),
+    outputs=("angle", "rate", "angle_reading", "duty", "current", "bridge_supply"),
     terminals={
         "command": ("goal", "enabled"),
         "shaft": ("load_torque", "angle", "rate"),

@@ -18,7 +18,7 @@ from servo_models.validation.solvers import Sliding, changes, value_at
 
 TICK = 1e-3  # sample time of the firmware [s]
 COUNTS = 4096  # counts of the encoder in a turn
-OUTPUTS = ("angle", "rate", "angle_reading", "duty", "current")
+OUTPUTS = ("angle", "rate", "angle_reading", "duty", "current", "bridge_supply")
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,8 @@ class SmartServo:
                 duty = max(-1.0, min(1.0, self.stiffness * error))
             else:
                 driven = (duty * held["supply"] - constant * v) / resistance
-                out.append((x, v, reading, duty, driven if held["enabled"] >= 0.5 else 0.0))
+                current = driven if held["enabled"] >= 0.5 else 0.0
+                out.append((x, v, reading, duty, current, held["supply"]))
         return dict(zip(OUTPUTS, np.array(out).T))
 
     def _instants(self, times: Array, edges: list[float]) -> list[tuple[float, str]]:
