@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -90,6 +92,7 @@ def test_within_the_limit_the_speed_loop_is_its_transfer_function() -> None:
     """The reference by located events, and by the matrix exponential, and the model."""
     loop = InSpeedLoop(Motor(30.0, 100.0, 2e-3), 0.02, 0.05, 5.0)
     inputs = {
+        "position_command": np.zeros(len(TIMES)),
         "speed_command": np.where(TIMES > 0.05, 100.0, 0.0),
         "load_torque": np.where(TIMES > 0.2, 0.02, 0.0),
     }
@@ -118,22 +121,32 @@ def test_no_load_leaves_an_error_of_the_speed_in_the_end() -> None:
     limit=st.floats(0.3, 6.0),
     speed=st.floats(-400.0, 400.0),
     load=st.floats(-0.005, 0.005),
+    holding=st.sampled_from([0.0, 5.0, 30.0]),
+    fastest=st.sampled_from([math.inf, 60.0]),
 )
-def test_the_loop_with_its_limit_is_that_of_another_solver(
-    gain: float, time: float, limit: float, speed: float, load: float
+def test_the_loops_with_their_limits_are_those_of_another_solver(
+    gain: float,
+    time: float,
+    limit: float,
+    speed: float,
+    load: float,
+    holding: float,
+    fastest: float,
 ) -> None:
-    """The law as it is written, by ``solve_ivp`` in short pieces."""
+    """The laws as they are written, by ``solve_ivp`` in short pieces; holding at 4 rad or not."""
 
     def law(_: float, x: Array) -> list[float]:
-        current = min(max(gain * (speed - x[0]) + x[1], -limit), limit)
-        return [(K * current - B * x[0] - load) / J, (current - x[1]) / time]
+        asked = min(max(speed + holding * (4.0 - x[2]), -fastest), fastest)
+        current = min(max(gain * (asked - x[0]) + x[1], -limit), limit)
+        return [(K * current - B * x[0] - load) / J, (current - x[1]) / time, x[0]]
 
     solved = solve_ivp(
-        law, (0.0, TIMES[-1]), [0.0, 0.0], "RK45", TIMES, max_step=5e-4, rtol=1e-9, atol=1e-9
+        law, (0.0, TIMES[-1]), [0.0] * 3, "RK45", TIMES, max_step=5e-4, rtol=1e-9, atol=1e-9
     )
     values = {"speed_gain": gain, "integral_time": time, "current_limit": limit}
+    values |= {"position_gain": holding, "speed_limit": fastest if fastest < math.inf else 0.0}
     values["internal_step"] = 5e-5  # where the limit is left is not located within a step
-    inputs = {"speed_command": speed, "load_torque": load}
+    inputs = {"speed_command": speed, "position_command": 4.0, "load_torque": load}
     found = simulate(model("dc_motor_speed", "direct", values), TIMES, inputs)
     scale = max(abs(speed), 50.0)
     np.testing.assert_allclose(found["encoder_speed"], solved.y[0], atol=1e-4 * scale)
@@ -158,7 +171,8 @@ def test_every_parameter_that_a_data_sheet_leaves_open_is_uncertain(name: str) -
     own = {p.name for p in found.plant.parameters.values() if not p.owner}
     for variant in found.variants:
         known = {key for key in variant.uncertainty if "." not in key}
-        assert known == own - {"internal_step", "gear_ratio", "rated_speed"}
+        off = {name for name in own if found.values(variant.name)[name] == 0.0}
+        assert known == own - off - {"internal_step", "gear_ratio", "rated_speed"}
 
 
 @settings(max_examples=5, derandomize=True)

@@ -98,7 +98,7 @@ def test_a_variant_is_explained_with_its_own_values(run: Run, tmp_path: Path) ->
     [
         (["sg90", "--variant", "printd"], "did you mean 'printed'"),
         (["backlash", "--variant", "printed"], "'backlash' is an effect and has no variants"),
-        (["delay"], "did you mean 'transport_delay'?"),
+        (["delay"], "did you mean 'transport_delay' or"),
         (["friction"], "'coulomb_friction' or 'load_friction' or"),
         (["Dead Zone"], "did you mean 'dead_zone' or"),
         (["compliance"], "did you mean 'gear_compliance'?"),

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -147,6 +148,17 @@ def loaded_motor(name: str, largest: float, effects: Values) -> Description:
     return columns(model(name), log, uncertainty=believed)
 
 
+def held_motor(variant: str, effects: Values) -> Description:
+    """A motor in a position loop, whose torque constant and inertia are off."""
+    motor, random = model("dc_motor_speed", variant), np.random.default_rng(2)
+    goal = np.repeat([0.0, *random.uniform(-0.5, 0.5, 11)], 100)
+    log = {"time": 5e-3 * np.arange(1200.0), "position_command": goal}
+    true = {"torque_constant": 0.033, "rotor_inertia": 3e-4, **effects}
+    angle = simulate(changed(motor, true), log["time"], {"position_command": goal})["encoder_angle"]
+    log["encoder_angle"] = angle + noise(3, 1e-3, 1200)
+    return columns(motor, log)
+
+
 def own_plant(name: str, truth: Values) -> Description:
     """The inputs of the example's log, on a rig with one effect and one parameter that is off."""
     path = ROOT / "examples" / "own_plants" / f"{name}.py"
@@ -221,6 +233,12 @@ def loaded(name: str, largest: float, friction: float, load: str, size: float) -
     return Planted(lambda: loaded_motor(name, largest, true), alike, left=0.2)
 
 
+def moved(told: Callable[[Values], Description], effects: Values) -> Planted:
+    true = tuple((name, value, None) for name, value in effects.items())
+    names = {name.partition(".")[0] for name in effects}
+    return Planted(lambda: told(effects), tuple({it} for it in names), true, left=0.1)
+
+
 def own(name: str, effect: str, size: float, parameter: str, value: float) -> Planted:
     told = lambda: own_plant(name, {effect: size, parameter: value})  # noqa: E731
     return Planted(told, ({effect.partition(".")[0]},))
@@ -264,6 +282,11 @@ THOROUGH = {
     "motor with offset": loaded("dc_motor", 12.0, 4e-3, "command_offset.value", 0.4),
     "current, offset": loaded("dc_motor_current", 0.8, 4e-3, "command_offset.value", 0.05),
     "current, load": loaded("dc_motor_current", 0.8, 12e-3, "constant_load.torque", 0.01),
+    "current, hysteresis": moved(
+        partial(loaded_motor, "dc_motor_current", 0.8),
+        {"hysteresis.half_width": 3.6e-3, "hysteresis.turn": 6e-3},
+    ),
+    "held by a moteus": moved(partial(held_motor, "moteus"), {"coulomb_friction.level": 0.02}),
     "own servo rubs": own("servo", "coulomb_friction.level", 0.08, "gain", 6.4),
     "own servo is late": own("servo", "transport_delay.time", 0.02, "inertia", 2.3e-3),
     "own damper, two ways": own("damper", "direction_asymmetry.ratio", 0.15, "inertia", 0.055),

@@ -288,6 +288,10 @@ def test_an_effect_acts_on_one_declared_main_wire(plant: str, name: str) -> None
 NEEDS = {"sg90-measured-supply_sag": {"supply_limit.share": 1.0}}
 """The supply acts through the limit that it sets."""
 NEEDS["sg90-oscillatory_motor-supply_sag"] = NEEDS["sg90-measured-supply_sag"]
+NEEDS |= {
+    f"dc_motor_speed-direct-{name}": {"position_gain": 20.0}
+    for name in ("position_command_gain", "position_transport_delay", "motion_profile")
+}
 
 
 @every_placement

@@ -64,7 +64,10 @@ TERMINALS = {
         "command": ["current_command"],
         "shaft": ["load_torque", "angle", "rate"],
     },
-    "dc_motor_speed": {"command": ["speed_command"], "shaft": ["load_torque", "angle", "rate"]},
+    "dc_motor_speed": {
+        "command": ["speed_command", "position_command"],
+        "shaft": ["load_torque", "angle", "rate"],
+    },
 }
 
 

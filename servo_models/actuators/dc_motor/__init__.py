@@ -1,4 +1,4 @@
-"""A DC or brushless motor with an encoder: on a voltage, on a current, in a speed loop."""
+"""A DC or brushless motor with an encoder: on a voltage, on a current, in loops."""
 
 from __future__ import annotations
 
@@ -40,8 +40,9 @@ ON_CURRENT = Actuator(
 ON_CURRENT_TORQUE = torque_causal(ON_CURRENT)
 IN_SPEED_LOOP = Actuator(
     name="dc_motor_speed",
-    title="DC motor with an encoder, in a speed loop",
-    about="Speed in, encoder out: PI loop with anti-windup gives a current, as in an ODrive.",
+    title="DC motor with an encoder, in a speed or position loop",
+    about="Speed or position in, encoder out: P loop of position around a PI loop of speed with"
+    " anti-windup, which gives a current, as in an ODrive.",
     source=ANTI_WINDUP,
     plant=SPEED_PLANT,
     variants=SPEED_VARIANTS,

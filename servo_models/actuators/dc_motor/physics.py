@@ -1,7 +1,8 @@
 """A DC or brushless motor with an encoder, with and without a gearbox and a speed loop.
 
 Three actuators stand on these blocks, since each has one main input: ``dc_motor`` on a voltage,
-``dc_motor_current`` on a current, ``dc_motor_speed`` on a speed by a PI loop that gives a current.
+``dc_motor_current`` on a current, ``dc_motor_speed`` on a speed by a PI loop that gives a current,
+and on a position by a P loop around that.
 Everything is seen at the output: J = N^2 J_m, torque N k i, drag N^2 b; without a gearbox N = 1.
 The encoder sits on the motor and sees no play or twist behind it; ``angle`` is behind both.
 The inductance is a lag of the current, L / R: the effect ``winding_lag``.  Backlash, compliance and
@@ -15,6 +16,7 @@ from typing import Annotated
 from servo_models.core.block import Param, block
 
 MOTOR = "Franklin, Powell, Emami-Naeini, Feedback Control of Dynamic Systems, 2015, sec. 2.3"
+CASCADE = "ODrive documentation, Control (position, velocity and current loops in a cascade)"
 ANTI_WINDUP = "Astrom, Hagglund, Advanced PID Control, 2006, sec. 3.5 (automatic reset, tracking)"
 
 
@@ -70,25 +72,50 @@ def current_loop(current_command: float) -> float:
     return current_command
 
 
+@block("speed_reference", source=CASCADE)
+def position_loop(
+    speed_command: float,
+    position_command: float,
+    encoder_angle: float,
+    position_gain: Annotated[
+        float, Param("1/s", "gain of the position loop, 0 for none", high=1e4)
+    ],
+    speed_limit: Annotated[
+        float, Param("rad/s", "largest speed that is asked for, 0 for no limit", high=1e5)
+    ],
+) -> float:
+    """Speed [rad/s] that the speed loop is asked for: commanded, and by the error of position."""
+    wanted = speed_command
+    if position_gain > 0.0:
+        wanted = wanted + position_gain * (position_command - encoder_angle)
+    if speed_limit > 0.0 and wanted > speed_limit:
+        wanted = speed_limit
+    elif speed_limit > 0.0 and wanted < -speed_limit:
+        wanted = -speed_limit
+    return wanted
+
+
 @block("current_command", "integral_rate", source=ANTI_WINDUP)
 def speed_loop(
-    speed_command: float,
+    speed_reference: float,
     encoder_speed: float,
     integral: float,
     speed_gain: Annotated[
         float, Param("A.s/rad", "gain of the speed loop K, at the motor", high=1e3)
     ],
     integral_time: Annotated[
-        float, Param("s", "integral time T_i of the speed loop", low=1e-4, high=1e3)
+        float, Param("s", "integral time T_i of the speed loop, 0 for no integral", high=1e3)
     ],
     current_limit: Annotated[float, Param("A", "largest current", low=1e-3, high=1e3)],
 ) -> tuple[float, float]:
     """i = limited(K e + I), I' = (i - I) / T_i, so that I' = K e / T_i within the limit."""
-    wanted = speed_gain * (speed_command - encoder_speed) + integral
+    wanted = speed_gain * (speed_reference - encoder_speed) + integral
     if wanted > current_limit:
         wanted = current_limit
     elif wanted < -current_limit:
         wanted = -current_limit
+    if integral_time <= 0.0:
+        return wanted, 0.0
     return wanted, (wanted - integral) / integral_time
 
 

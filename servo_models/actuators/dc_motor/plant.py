@@ -1,4 +1,4 @@
-"""The plants of the motor on a voltage, on a current and in a speed loop."""
+"""The plants of the motor on a voltage, on a current, and in loops of speed and position."""
 
 from __future__ import annotations
 
@@ -40,6 +40,15 @@ VOLTAGE = Wire("voltage", "V", "voltage on the motor", VOLTS, low=-1e3, high=1e3
 CURRENT = Wire("current_command", "A", "commanded current", AMPERES, low=-1e3, high=1e3)
 SPEED_COMMAND = Wire(
     "speed_command", "rad/s", "commanded speed of the motor", SPEED, low=-1e5, high=1e5
+)
+POSITION_COMMAND = Wire(
+    "position_command",
+    "rad",
+    "commanded angle of the motor",
+    TURN,
+    low=-1e6,
+    high=1e6,
+    display="deg",
 )
 WIRES = (
     Wire("angle", "rad", "angle of the output", TURN, display="deg"),
@@ -96,7 +105,7 @@ TORQUES: Chain = (
     place("residual_map", residual_torque, "load"),
     *effects_on("friction", "coulomb_friction", "stribeck_friction"),
     motor.motor_torque,
-    *effects_on("motor_torque", "hysteresis"),
+    *effects_on("motor_torque", "hysteresis", turn={"high": 1e3}),
     *effects_on("motor_torque", "thermal_drift", full_scale={"high": 1e3}),
     motor.net_torque,
     shaft_acceleration,
@@ -119,18 +128,22 @@ def _drive(wire: str) -> Chain:
 
 
 def _plant(
-    command: Wire, wires: tuple[Wire, ...], drive: Chain, *states: State, step: float = 5e-4
+    commands: tuple[Wire, ...],
+    wires: tuple[Wire, ...],
+    drive: Chain,
+    *states: State,
+    step: float = 5e-4,
 ) -> Plant:
-    """The motor behind a drive from a command to the current; ``step`` is the internal one [s]."""
+    """The motor behind a drive from commands to the current; ``step`` is the internal one [s]."""
     return Plant(
-        inputs=(command, LOAD),
+        inputs=(*commands, LOAD),
         wires=(*WIRES, *wires),
         constants=internal_step(step),
         chain=(
             *SHAFT,
-            input_scale("command_gain", command.name),
+            input_scale("command_gain", commands[0].name),
             input_scale("load_gain", LOAD.name),
-            *residual_curves(command.name),
+            *residual_curves(commands[0].name),
             *drive,
             *TORQUES,
         ),
@@ -141,12 +154,15 @@ def _plant(
         ),
         projection=shaft_contact,
         outputs=("angle", "rate", "encoder_angle", "encoder_speed", "current"),
-        terminals={"shaft": ("load_torque", "angle", "rate")},
+        terminals={
+            "command": tuple(wire.name for wire in commands),
+            "shaft": ("load_torque", "angle", "rate"),
+        },
     )
 
 
 VOLTAGE_PLANT = _plant(
-    VOLTAGE,
+    (VOLTAGE,),
     (MOTOR_VOLTAGE,),
     (
         *_drive("voltage"),
@@ -158,7 +174,7 @@ VOLTAGE_PLANT = _plant(
     step=1e-4,  # a fifth of the time constant of the winding
 )
 CURRENT_PLANT = _plant(
-    CURRENT,
+    (CURRENT,),
     (),
     (
         *_drive("current_command"),
@@ -167,11 +183,17 @@ CURRENT_PLANT = _plant(
     ),
 )
 SPEED_PLANT = _plant(
-    SPEED_COMMAND,
-    (Wire("current_command", "A", "current that the speed loop asks for", AMPERES),),
+    (SPEED_COMMAND, POSITION_COMMAND),
+    (
+        Wire("speed_reference", "rad/s", "speed that the loops are to reach", SPEED),
+        Wire("current_command", "A", "current that the speed loop asks for", AMPERES),
+    ),
     (
         *effects_on("speed_command", "transport_delay", "command_offset", "rate_limit"),
+        input_scale("position_command_gain", "position_command"),
+        *effects_on("position_command", "position_transport_delay", "motion_profile"),
         place("residual_map", residual_reading, "encoder_speed"),
+        motor.position_loop,
         motor.speed_loop,
         *effects_on("current_command", "sample_hold", "drive_dead_zone"),
         place("residual_map", residual_drive, "current_command"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 from servo_models.core.types import Array
@@ -13,6 +14,7 @@ DIRECT = Motor(30.0, 100.0, 2e-3)
 GEARED = Motor(30.0, 100.0, 2e-3, ratio=50.0)
 PROMPT = {"winding_lag.time_constant": 0.0}
 ODRIVE = InSpeedLoop(Motor(30.0, 2500.0, 0.1), 5e-4 * 8192.0 / math.tau, 0.05, 10.0)
+HOLDING = replace(ODRIVE, time=0.5, position_gain=20.0)
 
 
 def cases() -> list[Case]:
@@ -81,13 +83,15 @@ def _in_speed_loop() -> list[Case]:
     large = schedule(odd, (0, 0.0), (0.05, 400.0), (0.5, -200.0))
     load = schedule(odd, (0, 0.0), (0.3, 0.02), (0.6, 0.0))
 
-    def case(variant: str, name: str, command: Array, loop: InSpeedLoop) -> Case:
+    turned = schedule(odd, (0, 0.0), (0.05, 0.7), (0.4, -0.1))
+
+    def case(variant: str, name: str, command: Array, loop: InSpeedLoop, of: str = "speed") -> Case:
         return Case(
             "dc_motor_speed",
             variant,
             name,
             odd,
-            {"speed_command": command, "load_torque": loop.motor.ratio * load},
+            {f"{of}_command": command, "load_torque": loop.motor.ratio * load},
             loop,
             EVENTS,
             linear=False,
@@ -102,4 +106,5 @@ def _in_speed_loop() -> list[Case]:
         case("direct", "400 rad/s into the limit, every 0.7 ms", large, direct),
         case("geared", "400 rad/s into the limit, every 0.7 ms", large, geared),
         case("odrive", "60 rad/s and load, every 0.7 ms", small, ODRIVE),
+        case("odrive_position", "0.7 rad and load, every 0.7 ms", turned, HOLDING, "position"),
     ]

@@ -139,25 +139,29 @@ class InSpeedLoop:
         gain: K [A s/rad].
         time: T [s].
         limit: of the current [A].
+        position_gain: of a position loop around it [1/s], 0 for none.
     """
 
     motor: Motor
     gain: float
     time: float
     limit: float
+    position_gain: float = 0.0
     start: ClassVar[Sequence[float]] = (0.0, 0.0, 0.0)
     scale: ClassVar[Sequence[float]] = (10.0, 300.0, 5.0)
     longest_step: ClassVar[float] = 5e-3
 
     def __call__(self, times: Array, inputs: Mapping[str, Array]) -> dict[str, Array]:
-        """Response with located events; inputs speed_command, load_torque."""
-        asked = changes(times, inputs["speed_command"])
+        """Response with located events; inputs speed_command, position_command, load_torque."""
+        position = self.position_gain * inputs["position_command"]
+        asked = changes(times, inputs["speed_command"] + position)
         columns = follow(self, times, [asked, self.motor.pushed(times, inputs["load_torque"])])
         return self.motor.named(columns)
 
     def wanted(self, x: Array, u: Values) -> float:
         """Current [A] that the loop asks for, unlimited."""
-        return self.gain * (u[0] - float(x[1])) + float(x[2])
+        asked = u[0] - self.position_gain * float(x[0])
+        return self.gain * (asked - float(x[1])) + float(x[2])
 
     def enter(self, x: Array, u: Values) -> tuple[Key, Array]:
         """Side of the limit: -1, 0 within, 1."""
