@@ -11,7 +11,8 @@ speed is judged; the play behind the encoder, and what its speed does, of the mo
 holds.
 
 Left out, since the generator has no law of it: ``supply_sag``,
-``error_dead_zone`` and ``drive_lag`` of the smart servo, ``drive_lag`` of the second-order servo.
+``error_dead_zone`` and ``drive_lag`` of the smart servo, ``drive_lag`` of the second-order servo,
+and ``hysteresis`` of the smart servo and of the motors with an encoder.
 Left out, since a loop without a clock slides between two codes, and no two simulations do so at the
 same pace: ``speed_quantisation`` of the motor.
 
