@@ -114,16 +114,19 @@ TORQUES: Chain = (
 
 
 def _drive(wire: str) -> Chain:
-    """Effects of a power stage on its command."""
-    return effects_on(
-        wire,
-        "transport_delay",
-        "sample_hold",
-        "command_quantisation",
-        "command_offset",
-        "drive_dead_zone",
-        "drive_saturation",
-        "rate_limit",
+    """Effects of a power stage on its command, and the curves that may be of it."""
+    return (
+        *effects_on(
+            wire,
+            "transport_delay",
+            "sample_hold",
+            "command_quantisation",
+            "command_offset",
+            "drive_dead_zone",
+            "drive_saturation",
+            "rate_limit",
+        ),
+        *residual_curves(wire),
     )
 
 
@@ -143,7 +146,6 @@ def _plant(
             *SHAFT,
             input_scale("command_gain", commands[0].name),
             input_scale("load_gain", LOAD.name),
-            *residual_curves(commands[0].name),
             *drive,
             *TORQUES,
         ),
@@ -190,6 +192,7 @@ SPEED_PLANT = _plant(
     ),
     (
         *effects_on("speed_command", "transport_delay", "command_offset", "rate_limit"),
+        *residual_curves("speed_command"),
         input_scale("position_command_gain", "position_command"),
         *effects_on("position_command", "position_transport_delay", "motion_profile"),
         place("residual_map", residual_reading, "encoder_speed"),

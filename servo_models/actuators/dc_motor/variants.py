@@ -119,6 +119,13 @@ ODRIVE_PLANT = SPEED_PLANT.rated(
         "shaft_inertia": ODRIVE["rotor_inertia"],
     }
 )
+POSITION_SPEED = 60.0  # full scale of speeds in a position loop [rad/s]
+POSITION_PLANT = ODRIVE_PLANT.rated(
+    scales=dict.fromkeys(
+        ("speed_command", "speed_reference", "encoder_speed", "rate", "shaft_speed"),
+        POSITION_SPEED,
+    )
+)
 
 SPEED_VARIANTS = (
     Variant(
@@ -149,7 +156,7 @@ SPEED_VARIANTS = (
         "the same in its position loop",
         {**ODRIVE_POSITION, "sensor_quantisation.step": 2.0 * math.pi / COUNTS_PER_TURN},
         "ODrive firmware 0.4, default gains; motor: typical size, no product",
-        plant=ODRIVE_PLANT,
+        plant=POSITION_PLANT,
         uncertainty={**GAINS_UNKNOWN, "position_gain": 0.5, "speed_limit": 0.3},
     ),
     Variant(
@@ -157,7 +164,7 @@ SPEED_VARIANTS = (
         "the motor of odrive under a moteus in position mode",
         MOTEUS,
         "moteus firmware, default gains of pid_position; motor: typical size, no product",
-        plant=ODRIVE_PLANT,
+        plant=POSITION_PLANT,
         uncertainty={name: share for name, share in GAINS_UNKNOWN.items() if MOTEUS[name] > 0.0}
         | {"position_gain": 0.5},
     ),

@@ -95,6 +95,7 @@ def _in_speed_loop() -> list[Case]:
             loop,
             EVENTS,
             linear=False,
+            parameters={"sensor_quantisation.step": 0.0} if of == "position" else {},
             cost=("angle", "rate", "current")
             if (variant, command is large) == ("direct", True)
             else (),
