@@ -357,6 +357,8 @@ def test_outliers_are_those_put_in(name: str, variant: str, seed: int) -> None:
     for output, values in log.outputs.items():
         wire = chosen.plant.wire[output]
         assert outliers_of(log, wire) == ()
+        if output == "bridge_supply":  # a ripple alone, of which the range is no outlier
+            continue
         odd = values.copy()
         row = int(random.choice(np.flatnonzero(calm)))
         odd[row] += random.choice([-1.0, 1.0]) * np.ptp(values)
