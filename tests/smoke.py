@@ -59,6 +59,8 @@ def smoke() -> None:
     files = ("--report", "gap.html", "--json", "gap.json", "--out", "gap.toml")
     expect(1, "drive_dead_zone", "diagnose", "gimbal/gimbal.toml", *files)
     expect(0, "wrote", "explore", "gimbal/gimbal.toml", "--no-show")
+    expect(0, "servo.csv", "new", "example", "servo.toml")
+    expect(1, "backlash", "diagnose", "servo.toml")
     on = ("--on", "gimbal/gimbal.toml")
     expect(0, "half_width", "compare", "gap.json", "gap.toml", "--trust", *on)
     expect(0, "Bandwidth", "figures", "sg90", "--plot", "sg90.svg")

@@ -13,26 +13,36 @@ class Thing(str, Enum):
     """What can be begun."""
 
     ACTUATOR = "actuator"
+    EXAMPLE = "example"
 
 
 def new(
     thing: Annotated[Thing, typer.Argument(help="What to begin.")],
     file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="Python file to write, named as the actuator.")
+        Path,
+        typer.Argument(
+            metavar="FILE", help="Python file of the actuator, or TOML file of the example."
+        ),
     ],
 ) -> None:
-    """Begin an actuator of your own: write a working file, to be adapted.
+    """Begin an actuator of your own, or with an example: write working files, to be adapted.
 
-    It is a position servo with the usual effects; every other command takes the file in place of
-    a name.
+    The actuator is a position servo with the usual effects; every other command takes its file in
+    place of a name. The example is a log of a servo with worn gears, and its description.
 
     Examples:
 
     servo-models new actuator mine.py
 
-    servo-models explain mine.py
+    servo-models new example servo.toml
     """
-    from servo_models.core.template import write_template
+    if thing is Thing.ACTUATOR:
+        from servo_models.core.template import write_template
 
-    write_template(file)
-    print(f"wrote '{file}': adapt it, then 'servo-models explain {file}'")
+        write_template(file)
+        print(f"wrote '{file}': adapt it, then 'servo-models explain {file}'")
+    else:
+        from servo_models.data.example import write_example
+
+        log = write_example(file)
+        print(f"wrote '{log}' and '{file}': look at both, then 'servo-models diagnose {file}'")

@@ -178,3 +178,30 @@ def test_a_name_is_written_or_refused(tmp_path_factory: pytest.TempPathFactory, 
     else:
         write_template(path)
         assert f'name="{stem}"' in path.read_text()
+
+
+def test_the_example_lags_a_ramp_as_a_second_order_does(tmp_path: Path, run: Run) -> None:
+    """By 2 zeta / omega, the delay and half a row, which is held; play in the loop does not show."""
+    path = tmp_path / "new" / "servo.toml"
+    code, out, _ = run("new", "example", path)
+    assert code == 0
+    assert f"servo-models diagnose {path}" in out
+    time, goal, angle = np.loadtxt(path.with_suffix(".csv"), delimiter=",", skiprows=1).T
+    lag = np.degrees(np.mean((angle - goal)[time > 5.5]))
+    assert lag == pytest.approx((2.0 * 0.8 / 26.0 + 0.005 + 0.005) * 20.0 / 1.5, abs=0.03)
+    assert run("check", path)[0] == 0
+
+
+@pytest.mark.parametrize("taken", ["servo.toml", "servo.csv"])
+def test_an_example_overwrites_nothing(taken: str, tmp_path: Path, run: Run) -> None:
+    (tmp_path / taken).write_text("mine")
+    code, _, err = run("new", "example", tmp_path / "servo.toml")
+    assert code == 2
+    assert f"{taken}' is there, and is not overwritten" in err
+    assert [it.name for it in tmp_path.iterdir()] == [taken]
+
+
+def test_an_example_is_a_description(tmp_path: Path, run: Run) -> None:
+    code, _, err = run("new", "example", tmp_path / "servo.txt")
+    assert code == 2
+    assert "let the name end in .toml" in err
