@@ -181,7 +181,7 @@ def test_a_name_is_written_or_refused(tmp_path_factory: pytest.TempPathFactory, 
 
 
 def test_the_example_lags_a_ramp_as_a_second_order_does(tmp_path: Path, run: Run) -> None:
-    """By 2 zeta / omega, the delay and half a row, which is held; play in the loop does not show."""
+    """By 2 zeta / omega, the delay and half a row, which is held; play in the loop is not seen."""
     path = tmp_path / "new" / "servo.toml"
     code, out, _ = run("new", "example", path)
     assert code == 0
