@@ -15,11 +15,12 @@ from sphinx.application import Sphinx
 
 from servo_models.analysis import pictures
 from servo_models.analysis.demonstration import Demonstration, demonstrate
-from servo_models.analysis.explain import explain
+from servo_models.analysis.explain import explain, shown_value
 from servo_models.analysis.isolability import catalogue_ambiguities
 from servo_models.analysis.live import explained
 from servo_models.core.block import FirstOrderLag, Hints
 from servo_models.core.catalogue import effects
+from servo_models.identification.readings import words
 from servo_models.report import live, style
 from servo_models.report.live import Live
 from servo_models.report.markdown import table_lines
@@ -49,7 +50,7 @@ LIVE = re.compile(r'<script type="text/plain" id="live-data">.*</script>', re.DO
 def page(name: str) -> str:
     """The page of an effect, in Markdown."""
     sheet, blocks = explained(name), effects()[name]
-    hints = blocks[0].hints
+    hints = _hints(name)
     told = (
         _what(sheet),
         _textbook(sheet),
@@ -92,12 +93,17 @@ def _textbook(sheet: Report) -> str:
 def _in_a_log(shown: Demonstration, hints: Hints) -> str:
     place, (driven, seen) = shown.place, shown.signals
     runs = shown.without, shown.changed
+    values = place.actuator.values(None, {**shown.neutral, **shown.active})
     drawn = pictures.comparison(*runs, place.actuator.plant, shown.signals, "", shown.values)
     parts = [
         f"`{driven}` and `{seen}` of `{place.actuator.name}`, without the effect and with"
         f" {shown.values}:",
         _picture(style.svg(drawn, "log", f"{seen} without and with {place.name}")),
     ]
+    if hints.says:
+        shown_values = {it.key: str(shown_value(it, values[it.name])) for it in place.parameters}
+        wire = words(place.actuator.plant.main_wire(place.name))
+        parts.append(f'A diagnosis says: "{hints.says.format(wire=wire, **shown_values)}".')
     if hints.signature:
         parts.append(SIGNATURES[hints.signature])
     if hints.small_signal:
@@ -118,12 +124,17 @@ def _rivals(name: str, hints: Hints) -> str:
             links = ", ".join(f"[{it}]({it}.md)" for it in others)
             rows.append((links, ambiguity.experiment))
     parts = ["\n".join(_links_table(("it looks like", "what tells them apart"), rows))] * bool(rows)
-    family = [it for it, (main, *_) in effects().items() if main.hints.family == hints.family]
+    family = [it for it in effects() if _hints(it).family == hints.family]
     if hints.family and len(family) > 1:
         parts.append(
             f'Where a log cannot tell {listed(family)} apart, a diagnosis says "a {hints.family}".'
         )
     return "\n\n".join(parts) or "Nothing on record in the catalogue."
+
+
+def _hints(name: str) -> Hints:
+    """Of an effect of several functions, those of the one that has its name."""
+    return next(block.hints for block in effects()[name] if block.name == name)
 
 
 def _links_table(headings: tuple[str, ...], rows: list[tuple[str, str]]) -> Iterator[str]:
@@ -133,11 +144,13 @@ def _links_table(headings: tuple[str, ...], rows: list[tuple[str, str]]) -> Iter
 
 def _simulators(name: str) -> str:
     rows = [
-        (simulator.title, held.degree, held.how)
+        (simulator.title, place, *simulator.held(place, name))
         for simulator in simulators().values()
-        for held in [simulator.held("", name)]
+        for place in (name, *(it for it in simulator.holds if it.endswith(f"_{name}")))
+        if place == name or place not in effects()
     ]
-    table = "\n".join(table_lines(Table("", ("simulator", "held", "by"), tuple(rows))))
+    headings = ("simulator", "effect", "held", "by")
+    table = "\n".join(table_lines(Table("", headings, tuple(rows))))
     return f"{table}\n\nAn FMU holds it exactly. See [from and to simulators](../simulators.md)."
 
 
