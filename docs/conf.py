@@ -41,6 +41,7 @@ nitpicky = True
 # types in signatures of docstrings: only names of the package have a page here
 nitpick_ignore_regex = [("py:.*", r"(?!servo_models\.[a-z_]+$).*")]
 autodoc_typehints = "none"
+napoleon_use_ivar = True  # attributes as one list
 autodoc_member_order = "bysource"
 
 html_theme = "furo"
@@ -50,4 +51,5 @@ html_css_files = ["site.css"]
 html_extra_path = ["_extra"]
 html_show_sourcelink = False
 html_copy_source = False
+html_use_index = False
 highlight_language = "text"

@@ -7,6 +7,7 @@ import inspect
 import re
 from itertools import groupby
 from pathlib import Path
+from typing import Any
 
 import generated
 import typer
@@ -17,6 +18,7 @@ import servo_models as sm
 from servo_models.cli import app as commands
 
 EXAMPLES = re.compile(r"((?:^servo-models .*\n\n)+)", re.MULTILINE)
+TOGETHER = re.compile(r"^:(?:ivar|param) (?:\w+, )+\w+(?=:)")
 OVERVIEW = re.compile(r"\*\*Commands\*\*:\n\n(?:\* .*\n)+")  # whose lines are cut short
 
 
@@ -47,15 +49,19 @@ def python_pages() -> dict[str, str]:
     for folder, group in groupby(sorted(sm.__all__, key=home), home):
         names, file = list(group), f"python_{folder.rpartition('.')[2]}"
         about = (importlib.import_module(folder).__doc__ or "").splitlines()[0]
-        parts = [f"# {', '.join(names)}", about]
+        title = folder.rpartition(".")[2].capitalize()
+        parts = [f"# {title}", about]
         parts += [f"```{{eval-rst}}\n{_directive(name)}\n```" for name in names]
         pages[f"{file}.md"] = "\n\n".join(parts) + "\n"
-        rows.append(f"- [{', '.join(names)}]({file}.md): {about}")
+        links = ", ".join(f"[{name}](#servo_models.{name})" for name in names)
+        rows.append(f"| [{title}]({file}.md) | {about} | {links} |")
     files = "\n".join(it.removesuffix(".md") for it in pages)
     listed = "\n".join(rows)
     pages["python.md"] = (
-        "# Python, name by name\n\n`import servo_models as sm`. Everything inside is SI. The tests"
-        f" run every example.\n\n{listed}\n\n```{{toctree}}\n:hidden:\n\n{files}\n```\n"
+        "# Python, name by name\n\n"
+        "`import servo_models as sm`. Everything inside is SI. The tests run every example.\n\n"
+        f"| folder | | names |\n|---|---|---|\n{listed}\n\n"
+        f"```{{toctree}}\n:hidden:\n\n{files}\n```\n"
     )
     return pages
 
@@ -68,6 +74,12 @@ def _directive(name: str) -> str:
     return f".. autofunction:: servo_models.{name}"
 
 
+def names_at_once(*event: Any) -> None:
+    """Names that a docstring describes together stay together: Sphinx takes a comma for a type."""
+    lines: list[str] = event[-1]
+    lines[:] = [TOGETHER.sub(lambda found: found[0].replace(", ", "/"), line) for line in lines]
+
+
 def pages(app: Sphinx) -> None:
     made = {"commands.md": commands_page(), **python_pages()}
     generated.write(Path(app.srcdir) / "docs" / "reference", made)
@@ -75,4 +87,5 @@ def pages(app: Sphinx) -> None:
 
 def setup(app: Sphinx) -> dict[str, bool]:
     app.connect("builder-inited", pages)
+    app.connect("autodoc-process-docstring", names_at_once, priority=900)  # after napoleon
     return {"parallel_read_safe": True, "parallel_write_safe": True}
