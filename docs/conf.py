@@ -19,7 +19,7 @@ extensions = [
     "myst_parser",
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
-    "effect_pages",
+    "catalogue_pages",
     "reference_pages",
     "folders",
     "mathml",

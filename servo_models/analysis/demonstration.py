@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -72,6 +73,7 @@ class Demonstration:
         return float(np.max(np.abs(after - before)) / np.ptp(before))
 
 
+@cache  # its picture and its panel are of one run
 def demonstrate(effect: str) -> Demonstration:
     """Return the first run in which an effect can be seen, else the one that shows it best.
 

@@ -20,7 +20,7 @@ from tests.support.document import ROOT, code_blocks, follow
 
 FmuFile = Callable[[str], Path]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-MADE = tuple(ROOT / "docs" / folder for folder in ("effects", "living", "reference"))
+MADE = tuple(ROOT / "docs" / folder for folder in ("actuators", "effects", "living", "reference"))
 """What the build of the site writes, which checks the links to it."""
 PAGES = sorted(
     [
@@ -78,7 +78,7 @@ def test_the_counts_of_actuators_and_effects() -> None:
     assert f"\n{len(every)} effects that simulations usually lack are inside" in README
     front = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
     for text in (README, front):
-        assert f"{words[len(actuators())]} actuators as FMUs".lower() in text.lower()
+        assert f"{words[len(actuators())]} actuators".lower() in text.lower()
 
 
 def test_the_shares_of_the_readme_are_those_of_the_study() -> None:

@@ -1,13 +1,14 @@
-"""A page an effect, written from the effects, and the living diagnosis of the front page.
+"""A page an effect and an actuator, and the living diagnosis of the front page.
 
-No fact about an effect stands here: equations, parameters and sources are those of its file, rivals
+No fact about them stands here: equations, parameters and sources are those of their files, rivals
 those that effects declare, and the simulators say what they hold.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import generated
@@ -19,7 +20,7 @@ from servo_models.analysis.explain import explain, shown_value
 from servo_models.analysis.isolability import catalogue_ambiguities
 from servo_models.analysis.live import explained
 from servo_models.core.block import FirstOrderLag, Hints
-from servo_models.core.catalogue import effects
+from servo_models.core.catalogue import actuators, effects
 from servo_models.identification.readings import words
 from servo_models.report import live, style
 from servo_models.report.live import Live
@@ -38,6 +39,11 @@ HEADINGS = (
     "Which simulator has it",
     "Source",
 )
+OF_EFFECTS = (
+    "What a simulation usually lacks. Each is a parameter that at 0 is exactly not there, and a"
+    " cause that a diagnosis may name."
+)
+OF_ACTUATORS = "Each page has the equations, values and sources, and a panel in which it runs."
 SIGNATURES = {
     "codes": "Readings bunch at codes that are one step apart: a diagnosis looks for that apart"
     " from any error.",
@@ -62,6 +68,25 @@ def page(name: str) -> str:
     )
     sections = (f"## {heading}\n\n{text}" for heading, text in zip(HEADINGS, told))
     return "\n\n".join([f"# {name}", _palette(), *sections]) + "\n"
+
+
+def actuator_page(name: str) -> str:
+    """The page of an actuator: its data sheet, with a panel and its block diagram."""
+    sheet = explained(name)
+    (diagram,) = sheet.pictures
+    parts = [
+        f"# {name}",
+        _palette(),
+        *sheet.remarks,
+        f"## {sheet.panels[0].title}",
+        _raw(panel(sheet.panels)),
+        f"## {diagram.title}",
+        _picture(style.svg(style.figure(diagram), "diagram", diagram.title)),
+        diagram.text,
+    ]
+    for table in sheet.tables:
+        parts += [f"## {table.title}", "\n".join(table_lines(replace(table, title="")))]
+    return "\n\n".join(parts) + "\n"
 
 
 def _what(sheet: Report) -> str:
@@ -185,16 +210,12 @@ def _raw(html: str) -> str:
     return f"`````{{raw}} html\n{html}\n`````"
 
 
-def index() -> str:
-    """All effects, by family where they have one."""
-    rows = [(f"[{name}]({name}.md)", explain(name).remarks[0]) for name in effects()]
-    table = "\n".join(_links_table(("effect", "what it is"), rows))
-    names = "\n".join(effects())
-    return (
-        "# Effects\n\nWhat a simulation usually lacks. Each is a parameter that at 0 is exactly not"
-        " there, and a cause that a diagnosis may name.\n\n"
-        f"{table}\n\n```{{toctree}}\n:hidden:\n\n{names}\n```\n"
-    )
+def index(title: str, text: str, about: Mapping[str, str]) -> str:
+    """A page that lists others of its folder by name."""
+    rows = [(f"[{name}]({name}.md)", told) for name, told in about.items()]
+    table = "\n".join(_links_table(("name", "what it is"), rows))
+    names = "\n".join(about)
+    return f"# {title}\n\n{text}\n\n{table}\n\n```{{toctree}}\n:hidden:\n\n{names}\n```\n"
 
 
 def diagnosis(page: str) -> str:
@@ -207,7 +228,13 @@ def diagnosis(page: str) -> str:
 def pages(app: Sphinx) -> None:
     docs = Path(app.srcdir) / "docs"
     made = {f"{name}.md": page(name) for name in effects()}
-    generated.write(docs / "effects", {**made, "index.md": index()})
+    about = {name: explain(name).remarks[0] for name in effects()}
+    made["index.md"] = index("Effects", OF_EFFECTS, about)
+    generated.write(docs / "effects", made)
+    made = {f"{name}.md": actuator_page(name) for name in actuators()}
+    about = {name: f"{it.title}. {it.about}" for name, it in actuators().items()}
+    made["index.md"] = index("Actuators", OF_ACTUATORS, about)
+    generated.write(docs / "actuators", made)
     living = f"{_palette()}\n\n{_raw(diagnosis((docs / 'gap.html').read_text('utf-8')))}\n"
     generated.write(docs / "living", {"diagnosis.txt": living})
 
