@@ -44,6 +44,8 @@ autodoc_typehints = "none"
 napoleon_use_ivar = True  # attributes as one list
 autodoc_member_order = "bysource"
 
+smartquotes = False  # two hyphens are an option of a command, no dash
+
 html_theme = "furo"
 html_title = "servo-models"
 html_static_path = ["_static"]
