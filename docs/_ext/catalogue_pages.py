@@ -18,7 +18,7 @@ from servo_models.analysis import pictures
 from servo_models.analysis.demonstration import Demonstration, demonstrate
 from servo_models.analysis.explain import explain, shown_value
 from servo_models.analysis.isolability import catalogue_ambiguities
-from servo_models.analysis.live import explained
+from servo_models.analysis.live import demonstrated, explained
 from servo_models.core.block import FirstOrderLag, Hints
 from servo_models.core.catalogue import actuators, effects
 from servo_models.identification.readings import words
@@ -55,13 +55,13 @@ LIVE = re.compile(r'<script type="text/plain" id="live-data">.*</script>', re.DO
 
 def page(name: str) -> str:
     """The page of an effect, in Markdown."""
-    sheet, blocks = explained(name), effects()[name]
-    hints = _hints(name)
+    shown, blocks, hints = demonstrate(name), effects()[name], _hints(name)
+    sheet = demonstrated(name, shown)
     told = (
         _what(sheet),
         _textbook(sheet),
         _raw(panel(sheet.panels)),
-        _in_a_log(demonstrate(name), hints),
+        _in_a_log(shown, hints),
         _rivals(name, hints),
         _simulators(name),
         "\n".join(f"- {source}" for source in dict.fromkeys(block.source for block in blocks)),

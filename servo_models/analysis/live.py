@@ -60,9 +60,7 @@ def explained(name: str, variant: str | None = None) -> Report:
     sheet = explain(name, variant)
     if not is_actuator(name):
         effect = effect_name(name)
-        shown = demonstrate(effect)
-        panel = Live("Drive it", COMPARE, (_effect(effect, shown),))
-        return _with_law(with_panel(sheet, panel), shown)
+        return demonstrated(effect, demonstrate(effect))
     actuator = find_actuator(name)
     chosen = actuator.variant(variant).name
     others = [it.name for it in actuator.variants if it.name != chosen]
@@ -70,6 +68,12 @@ def explained(name: str, variant: str | None = None) -> Report:
     drawn = diagram(actuator, chosen)
     sheet = replace(sheet, sections=(Section(drawn.title, pictures=(drawn,)), *sheet.sections))
     return with_panel(sheet, Live("Drive it", DRIVE, models))
+
+
+def demonstrated(effect: str, shown: Demonstration) -> Report:
+    """Return ``explain`` of an effect with its demonstration as a panel, and its characteristic."""
+    panel = Live("Drive it", COMPARE, (_effect(effect, shown),))
+    return _with_law(with_panel(explain(effect), panel), shown)
 
 
 def with_panel(report: Report, live: Live) -> Report:
