@@ -14,7 +14,9 @@ import servo_models as sm
 HERE = Path(__file__).parent
 GIMBAL = HERE.parent / "examples" / "gimbal"
 WIDTH, LEFT, RIGHT = 860, 64, 700
-TOP, BOTTOM, ERROR = (36, 206), (236, 356), 4.0  # of both diagrams; of the second [deg]
+TOP, BOTTOM = (36, 246), (276, 376)  # of both diagrams
+ANGLES, ERROR = (-5.0, 30.0), 2.2  # [deg]
+BEGIN, END = 1.2, 3.18  # [s]
 
 STYLE = """
     svg { --paper: #fdfdfc; --ink: #1d2329; --muted: #5a6570; --line: #d5dae0; --blue: #0072b2; --orange: #b54a05; }
@@ -24,10 +26,10 @@ STYLE = """
     .grid { stroke: var(--line); }
     polyline { fill: none; stroke-width: 1.6; stroke-linejoin: round; }
     .command { stroke: var(--muted); stroke-width: 1.1; stroke-dasharray: 3 3; }
-    .measured { stroke: var(--ink); stroke-width: 3; opacity: 0.45; }
+    circle { fill: var(--ink); }
     .before { stroke: var(--orange); }
     .after { stroke: var(--blue); }
-    text.measured { fill: var(--ink); stroke: none; opacity: 1; }
+    text.measured { fill: var(--ink); }
     text.before { fill: var(--orange); stroke: none; }
     text.after { fill: var(--blue); stroke: none; }
 """  # noqa: E501
@@ -39,22 +41,24 @@ def main() -> None:
         "before": sm.model(str(GIMBAL / "gimbal.py")),
         "after": sm.read_parameters(GIMBAL / "GAP.toml").model(),
     }
+    shown = (log.times >= BEGIN) & (log.times <= END)
+    times, measured = log.times[shown], np.degrees(log.outputs["reading"])
     angles = {"command": np.degrees(log.inputs["command"])}
-    angles["measured"] = measured = np.degrees(log.outputs["reading"])
     for name, model in models.items():
         angles[name] = np.degrees(sm.simulate(model, log.times, log.inputs)["reading"])
-    lines = [
-        *diagram(TOP, -40.0, 30.0, (-30, 0, 30)),
-        *(line(name, log.times, values, TOP, -40.0, 30.0) for name, values in angles.items()),
-        *diagram(BOTTOM, -ERROR, ERROR, (-3, 0, 3)),
-    ]
     errors = {name: angles[name] - measured for name in models}
-    lines += [line(name, log.times, e, BOTTOM, -ERROR, ERROR) for name, e in errors.items()]
+    lines = [
+        *diagram(TOP, *ANGLES, (0, 10, 20, 30)),
+        *(line(name, times, values[shown], TOP, *ANGLES) for name, values in angles.items()),
+        *dots(times[::2], measured[shown][::2], TOP, *ANGLES),
+        *diagram(BOTTOM, -ERROR, ERROR, (-2, 0, 2)),
+        *(line(name, times, e[shown], BOTTOM, -ERROR, ERROR) for name, e in errors.items()),
+    ]
     rms = {name: float(np.sqrt(np.mean(e * e))) for name, e in errors.items()}
     words = [
         (TOP[0] - 12, "", "angle [deg]", LEFT - 40),
         (BOTTOM[0] - 10, "", "error [deg]", LEFT - 40),
-        (TOP[0] + 40, "measured", "measured", RIGHT + 12),
+        (TOP[0] + 40, "measured", "measured, dots", RIGHT + 12),
         (TOP[0] + 62, "before", "model before", RIGHT + 12),
         (TOP[0] + 84, "after", "model after", RIGHT + 12),
         (TOP[0] + 106, "", "command, dashed", RIGHT + 12),
@@ -65,17 +69,17 @@ def main() -> None:
     texts = [f'<text x="{x}" y="{y}" class="{kind}">{text}</text>' for y, kind, text, x in words]
     texts += [
         f'<text x="{x_of(t):.0f}" y="{BOTTOM[1] + 18}" text-anchor="middle">{t} s</text>'
-        for t in range(5)
+        for t in (1.5, 2.0, 2.5, 3.0)
     ]
     title = "A log of a gimbal, its model before and after the diagnosis, and the error of each"
-    head = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} 386" role="img">'
-    page = f'<rect class="page" width="{WIDTH}" height="386" rx="10"/>'
+    head = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} 406" role="img">'
+    page = f'<rect class="page" width="{WIDTH}" height="406" rx="10"/>'
     parts = [head, f"<title>{title}</title>", f"<style>{STYLE}</style>", page, *lines, *texts]
     (HERE / "gap.svg").write_text("\n".join([*parts, "</svg>", ""]), encoding="utf-8")
 
 
 def x_of(time: float) -> float:
-    return LEFT + (RIGHT - LEFT) * time / 4.0
+    return LEFT + (RIGHT - LEFT) * (time - BEGIN) / (END - BEGIN)
 
 
 def y_of(value: float, ends: tuple[int, int], low: float, high: float) -> float:
@@ -89,6 +93,15 @@ def line(
         f"{x_of(t):.1f},{y_of(v, ends, low, high):.1f}" for t, v in zip(times, values)
     )
     return f'<polyline class="{name}" points="{points}"/>'
+
+
+def dots(
+    times: np.ndarray, values: np.ndarray, ends: tuple[int, int], low: float, high: float
+) -> list[str]:
+    return [
+        f'<circle cx="{x_of(t):.1f}" cy="{y_of(v, ends, low, high):.1f}" r="1.7"/>'
+        for t, v in zip(times, values)
+    ]
 
 
 def diagram(ends: tuple[int, int], low: float, high: float, ticks: tuple[int, ...]) -> list[str]:

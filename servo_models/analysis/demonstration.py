@@ -35,6 +35,7 @@ BREAKS = (0.0, 0.05, 0.05, 0.45, 0.85, 1.0)  # times of the command's corners ov
 HEIGHTS = (0.0, 0.0, 1.0, 1.0, -1.0, -1.0)  # command at the corners in standard steps
 STRENGTHS = (1.0, 3.0, 10.0, 0.3, 0.1)  # sizes tried in turn, over typical: limits show when low
 LOADS = (0.0, 0.3)  # loads tried in turn [full scales]: some effects show only under load
+HELD = slice(int(0.35 * POINTS), int(0.45 * POINTS))  # points at which the command rests, the last
 VISIBLE = 0.02  # smallest change of the output, over its range, that the eye sees
 
 
@@ -71,16 +72,23 @@ class Demonstration:
         before, after = (run[self.signals[1]] for run in (self.without, self.changed))
         return float(np.max(np.abs(after - before)) / np.ptp(before))
 
+    @property
+    def hunts(self) -> bool:
+        """Whether the effect keeps the output moving under a command that rests."""
+        before, after = (run[self.signals[1]] for run in (self.without, self.changed))
+        more = np.ptp(after[HELD]) - np.ptp(before[HELD])
+        return bool(more > VISIBLE * np.ptp(before))
+
 
 def demonstrate(effect: str) -> Demonstration:
     """Return the first run in which an effect can be seen, else the one that shows it best.
 
     An effect on the command itself comes first, since it cannot upset a loop there; then the
-    slowest actuator, whose curves are the plainest.
+    slowest actuator, whose curves are the plainest.  A loop that hunts shows nothing else.
     """
     best: Demonstration | None = None
     for run in _runs(effect):
-        if run.visibility > VISIBLE:
+        if run.visibility > VISIBLE and not run.hunts:
             return run
         if best is None or run.visibility > best.visibility:
             best = run

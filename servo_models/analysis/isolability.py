@@ -34,9 +34,14 @@ def experiment(first: str, second: str, plant: Plant) -> str:
 
 def ambiguities(plant: Plant) -> Iterator[Ambiguity]:
     """Yield what effects declare: those of the catalogue, then those of a plant of one's own."""
-    for block in (*_catalogue(), *(plant.main(name).effect for name in plant.placements)):
-        if block.hints.ambiguity:
-            yield block.hints.ambiguity
+    yield from catalogue_ambiguities()
+    own = (plant.main(name).effect for name in plant.placements)
+    yield from (it.hints.ambiguity for it in own if it.hints.ambiguity)
+
+
+def catalogue_ambiguities() -> Iterator[Ambiguity]:
+    """Yield what effects of the catalogue declare."""
+    yield from (it.hints.ambiguity for it in _catalogue() if it.hints.ambiguity)
 
 
 def _catalogue() -> Iterator[Block]:

@@ -59,8 +59,8 @@ def explained(name: str, variant: str | None = None) -> Report:
     """
     sheet = explain(name, variant)
     if not is_actuator(name):
-        shown = demonstrate(effect_name(name))
-        return _with_law(with_panel(sheet, Live("Drive it", COMPARE, (_effect(shown),))), shown)
+        effect = effect_name(name)
+        return demonstrated(effect, demonstrate(effect))
     actuator = find_actuator(name)
     chosen = actuator.variant(variant).name
     others = [it.name for it in actuator.variants if it.name != chosen]
@@ -68,6 +68,12 @@ def explained(name: str, variant: str | None = None) -> Report:
     drawn = diagram(actuator, chosen)
     sheet = replace(sheet, sections=(Section(drawn.title, pictures=(drawn,)), *sheet.sections))
     return with_panel(sheet, Live("Drive it", DRIVE, models))
+
+
+def demonstrated(effect: str, shown: Demonstration) -> Report:
+    """Return ``explain`` of an effect with its demonstration as a panel, and its characteristic."""
+    panel = Live("Drive it", COMPARE, (_effect(effect, shown),))
+    return _with_law(with_panel(explain(effect), panel), shown)
 
 
 def with_panel(report: Report, live: Live) -> Report:
@@ -89,9 +95,8 @@ def _with_law(report: Report, shown: Demonstration) -> Report:
     return replace(report, sections=(section, *report.sections))
 
 
-def _effect(shown: Demonstration) -> LiveModel:
+def _effect(effect: str, shown: Demonstration) -> LiveModel:
     """The run in which an effect can be seen, without and with it."""
-    effect = shown.place.placements[0].effect.name
     plain = model(shown.place.actuator, None, shown.neutral)
     run = _run("a step, then a slow way back", shown.without)
     return live_model(plain, {effect: shown.active}, shown={shown.place.name}, runs=(run,))

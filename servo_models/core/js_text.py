@@ -9,6 +9,7 @@ which are exact up to 2^53.  Sums, products, quotients and roots have the same b
 from __future__ import annotations
 
 import ast
+import functools
 from collections.abc import Iterable, Iterator, Sequence
 
 from servo_models.core.c_text import OPERATORS, WHOLE_CALLS, AsNumba, Kinds, columns, parsed, stored
@@ -72,6 +73,7 @@ def _js_start_text(text: str, size: int) -> str:
     return "\n".join([*lines, ""])
 
 
+@functools.cache  # of an actuator all effects have the same text
 def js_run_text(text: str) -> str:
     """Return ``run`` of a text printed by ``stepper.run_text`` in JavaScript.
 

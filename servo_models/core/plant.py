@@ -523,7 +523,7 @@ class Actuator:
 
     @property
     def key(self) -> str:
-        """What ``catalogue.actuator`` finds it by: the name, or the path of its file."""
+        """Its name, or the path of its file, by which ``catalogue.actuator`` finds it."""
         return str(self.file) if self.file else self.name
 
     @property

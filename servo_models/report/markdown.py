@@ -28,10 +28,11 @@ def _lines(report: Report) -> Iterator[str]:
             yield f"- {_escaped(item)}"
         for table in section.tables:
             if table.rows and not table.folded:
-                yield from _table(table)
+                yield from table_lines(table)
 
 
-def _table(table: Table) -> Iterator[str]:
+def table_lines(table: Table) -> Iterator[str]:
+    """Yield a table in Markdown, line by line."""
     yield ""
     if table.title:
         yield from (f"**{_escaped(table.title)}**", "")

@@ -87,6 +87,6 @@ def test_an_effect_is_drawn_as_in_textbooks_first() -> None:
     assert explained("backlash").sections[0].title == "Characteristic"
     assert explained("transport_delay").sections[0].title == "Drive it"
     first, *others = portrait("backlash").axes
-    assert first.get_xlabel() == "position [mm]"
+    assert first.get_xlabel() == "angle [deg]"
     assert others[-1].get_xlabel() == "time [s]"
     assert len(portrait("transport_delay").axes) == len(others)

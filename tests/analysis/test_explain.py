@@ -166,6 +166,12 @@ def test_every_effect_can_be_seen() -> None:
     assert min(seen.values()) > VISIBLE
 
 
+def test_play_is_shown_where_no_loop_hunts() -> None:
+    shown = demonstrate("backlash")
+    angle = shown.changed[shown.signals[1]]
+    assert np.ptp(angle[700:900]) < 0.01 * np.ptp(angle)  # the command rests
+
+
 def test_a_demonstrated_delay_is_a_shift_in_time() -> None:
     shown = demonstrate("transport_delay")
     delay = float(shown.values.split()[2]) * {"ms": 1e-3, "s": 1.0}[shown.values.split()[3]]

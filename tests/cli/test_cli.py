@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import os
+import re
+import shlex
 import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import fmpy
 import numpy as np
 import pytest
+import typer
 from hypothesis import given
 from hypothesis import strategies as st
 from typer.testing import CliRunner
@@ -35,15 +39,16 @@ def python(*words: str, **options: object) -> subprocess.CompletedProcess[str]:
     )
 
 
-def test_help_shows_every_command_with_examples() -> None:
-    runner = CliRunner()
-    top = runner.invoke(app, ["--help"])
+def test_help_shows_every_command_and_each_takes_the_words_of_its_examples() -> None:
+    commands: dict[str, Any] = vars(typer.main.get_command(app))["commands"]
+    top = CliRunner().invoke(app, ["--help"])
     assert top.exit_code == 0
-    for name in ("list", "explain", "simulate", "figures", "build", "validate"):
+    for name, command in commands.items():
         assert name in top.output
-        page = runner.invoke(app, [name, "--help"])
-        assert page.exit_code == 0
-        assert name == "list" or f"servo-models {name}" in page.output
+        examples = re.findall(r"^servo-models (\S+) (.*)$", command.help, re.MULTILINE)
+        assert examples or name == "list"
+        for of, words in examples:
+            commands[of].make_context(of, shlex.split(words))
 
 
 def test_help_shows_the_brackets_of_units() -> None:

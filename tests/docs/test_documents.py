@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from servo_models.core.catalogue import actuators, effects
 from servo_models.diagnosis.schema import DiagnosisDocument
 from servo_models.report.document import schema_of
 from servo_models.report.live import asset
@@ -19,10 +20,25 @@ from tests.support.document import ROOT, code_blocks, follow
 
 FmuFile = Callable[[str], Path]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+MADE = tuple(ROOT / "docs" / folder for folder in ("actuators", "effects", "living", "reference"))
+"""What the build of the site writes, which checks the links to it."""
 PAGES = sorted(
-    [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("examples/**/*.md")],
+    [
+        *ROOT.glob("*.md"),
+        *(page for page in ROOT.glob("docs/**/*.md") if page.parent not in MADE),
+        *ROOT.glob("examples/**/*.md"),
+    ],
     key=str,
 )
+SHARES = {
+    "the cause is named first": "first_place",
+    "of two causes both are named, and no other": "both_named",
+    "a cause that no effect of ours describes is told as such": "foreign_recall",
+    "the list of possible causes holds the true one": "set_holds",
+    "nothing is wrong, and something is suspected": "false_causes",
+    "what is told with 90 to 99 % is there": "sure_ones_right",
+}
+"""What the README says, by the figure's name in ``docs/studies/blind.md``."""
 every_page = pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(ROOT)))
 
 
@@ -39,6 +55,8 @@ def test_links_lead_somewhere(page: Path) -> None:
             continue
         path, _, heading = link.partition("#")
         target = page.parent / path if path else page
+        if target.parent in MADE:
+            continue
         assert target.exists(), link
         assert not heading or heading in anchors(target), link
 
@@ -50,6 +68,34 @@ def test_named_files_of_the_package_exist(page: Path) -> None:
         page.read_text(encoding="utf-8"),
     ):
         assert (ROOT / name).exists(), name
+
+
+def test_the_counts_of_actuators_and_effects() -> None:
+    words = dict(enumerate(["Six", "Seven", "Eight", "Nine", "Ten", "Eleven", "Twelve"], 6))
+    every = [main for main, *_ in effects().values() if not main.hints.learnt]
+    told = " ".join((ROOT / "docs" / "fmu.md").read_text(encoding="utf-8").split())
+    assert f"There are {len(every)} effects" in told
+    assert f"\n{len(every)} effects that simulations usually lack are inside" in README
+    front = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
+    for text in (README, front):
+        assert f"{words[len(actuators())]} actuators".lower() in text.lower()
+
+
+def test_the_shares_of_the_readme_are_those_of_the_study() -> None:
+    study = (ROOT / "docs" / "studies" / "blind.md").read_text(encoding="utf-8")
+    tiers = [study.split(f"## {tier}, 300 cases")[1].split("\n## ")[0] for tier in ("Easy", "Hard")]
+
+    def now(figure: str) -> list[float]:
+        rows = [re.findall(rf"^\| {figure} \| \S+ \| (\S+) ", tier, re.MULTILINE) for tier in tiers]
+        return [float(value) for (value,) in rows]
+
+    rows = dict(re.findall(r"^\| ([^|]+) \| ([\d.]+ \| [\d.]+) \|$", README, re.MULTILINE))
+    for told, figure in SHARES.items():
+        assert rows.pop(told) == " | ".join(f"{value:.2f}" for value in now(figure)), told
+    assert not rows
+    assert "That is {:.0%} of the clean logs and {:.0%} of the hard".format(
+        *now("separated")
+    ).replace("%", " %") in " ".join(README.split())
 
 
 def test_the_keys_of_a_diagnosis_in_json_are_those_of_its_schema() -> None:

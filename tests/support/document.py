@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,6 +14,13 @@ from servo_models.diagnosis.search.selection import FIRST_ANSWER
 
 ROOT = Path(__file__).parents[2]
 COMMAND = re.compile(r"^```\n\$ servo-models (.*)\n((?:.*\n)*?)```", re.MULTILINE)
+
+
+PROGRESS = re.compile(rf"{FIRST_ANSWER}|\d+ (?:of \d|joints)")
+STEP = re.compile(r"((?:^(?!```).*\n)*)^```(\w*)\n((?:.*\n)*?)```", re.MULTILINE)
+NOT_WELL = ("explain", "comes nearest", "on its low bound", "Warning:", "lack something")
+"""Of what commands tell with exit code 1."""
+SAVED = re.compile(r"[Ss]aved?\s+(?:this\s+|it\s+)?as\s+`([\w.]+)`")
 
 
 def code_blocks(text: str, language: str) -> list[str]:
@@ -35,8 +44,8 @@ def follow(text: str, run: Callable[..., tuple[int, str, str]], doubted: str = "
 
 
 def complaints(err: str) -> list[str]:
-    """Lines on standard error, without the first answer of a diagnosis."""
-    return [line for line in err.splitlines() if not line.startswith(FIRST_ANSWER)]
+    """Lines on standard error, without the first answer of a diagnosis and counts of a survey."""
+    return [line for line in err.splitlines() if not PROGRESS.match(line)]
 
 
 def alike(shown: str, printed: str) -> bool:
@@ -52,3 +61,18 @@ def near(one: str, two: str) -> bool:
         return float(one) == pytest.approx(float(two), rel=0.05, abs=1e-9)
     except ValueError:
         return False
+
+
+def work_through(text: str, folder: Path, run: Callable[..., tuple[int, str, str]]) -> None:
+    """Do in a folder what a tutorial says, in its order: save files, run scripts and commands."""
+    for told, language, block in STEP.findall(text):
+        doubted = "" if any(it in block for it in NOT_WELL) else "-"
+        if saved := SAVED.findall(told):
+            (folder / saved[-1]).write_text(block, encoding="utf-8")
+        elif block.startswith("$ python "):
+            command, *shown = block.splitlines()
+            words = [sys.executable, *command.split()[2:]]
+            done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=True)
+            assert done.stdout.splitlines() == shown
+        elif block.startswith("$"):
+            follow(f"```{language}\n{block}```", run, doubted)
