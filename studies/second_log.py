@@ -3,18 +3,18 @@
     python -m studies second_log --seed 1 --cases 60 [--jobs 1] [--resume] [--folder DIR]
 
 A case is a withheld rig with one or two effects of the catalogue (tiers in turn) whose first log
-leaves more than one explanation.  Its diagnosis asks for a command; the generator plays that on the
-same rig, with the same sensors and noise, and both logs are diagnosed together.  The control is a
-second log of the first command's kind and of the same length.  *Right and alone*: the verdict is
-``effect`` or ``effects``, those named and those of the confidence set are the true ones (a hidden
-one of the hard tier may be among them), and none is missing.
+leaves more than one explanation, the true one among them.  Its diagnosis asks for an action: a
+command, a condition, further signals; the generator plays that on the same rig, with the same
+sensors and noise, and both logs are diagnosed together.  The control is a second log of the first
+command's kind and of the same length.  *Right and alone*: the verdict is ``effect`` or ``effects``,
+those named and those of the confidence set are the true ones (a hidden one of the hard tier may be
+among them), and none is missing.
 
-Where a diagnosis says that no command tells its explanations apart, it asks for no log: these rigs
-are counted apart, beyond the cases wanted.  No command helps where the first log has ruled out the
-truth, or where the truth is like another explanation under every command: these cases count, and
-are told.  Intervals are Wilson's (J. American Statistical Association 22 (1927) 209), the paired
-difference is tested by McNemar's exact test (Psychometrika 12 (1947) 153).  ``DIR/SEED.jsonl``
-holds a line a rig; ``--resume`` goes on after the last one.
+Told apart, and no cases: rigs whose first log has ruled out the truth, and those whose diagnosis
+says that nothing tells its explanations apart.  Intervals are Wilson's (J. American Statistical
+Association 22 (1927) 209), the paired difference is tested by McNemar's exact test (Psychometrika
+12 (1947) 153).  ``DIR/SEED.jsonl`` holds a line a rig; ``--resume`` goes on after the last one.
+The table is of all seeds in ``DIR``.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ import time
 import warnings
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -36,7 +37,14 @@ from scipy.stats import binomtest
 
 from servo_models.diagnosis.diagnose import Diagnosis, diagnose
 from servo_models.diagnosis.verdict import EFFECT, EFFECTS
-from studies.withheld.generator.cases import CLEAN, Case, another_command, draw_case, with_log
+from studies.withheld.generator.cases import (
+    CLEAN,
+    Case,
+    another_command,
+    draw_case,
+    kind_of,
+    with_log,
+)
 from studies.withheld.generator.files import write_case
 from studies.withheld.score import share
 
@@ -48,37 +56,45 @@ Row = dict[str, Any]
 
 def examined(seed: int, number: int) -> Row:
     """What the first log of a rig and either second one lead to."""
-    case = draw_case(seed, number, CLEAN[number % len(CLEAN)])
-    row: Row = {
-        "number": number,
-        "tier": case.tier,
+    row: Row = {"number": number, "tier": CLEAN[number % len(CLEAN)]}
+    if kind_of(seed, number) not in ("one", "two"):
+        return row
+    case = draw_case(seed, number, row["tier"])
+    row |= {
         "actuator": case.experiment.rig.actuator,
         "truth": sorted(acting.name for acting in case.acting),
         "hidden": sorted(acting.name for acting in case.hidden),
     }
-    if case.kind not in ("one", "two"):
-        return row
     first, row["first"] = _diagnosed(case)
     if row["first"]["right_and_alone"] or len(first.undecided) < 2:
         return row
-    begin = time.perf_counter()
-    planned = [one for one in first.next_experiments if one.telling]
-    row |= {"planned": len(planned), "design_seconds": time.perf_counter() - begin}
-    if not planned:
+    row["open"] = True
+    if not any(map(partial(_true, row), row["first"]["rivals"])):
         return row
-    asked = planned[0]
+    begin = time.perf_counter()
+    asked = first.next_experiments[0]
     row |= {
+        "design_seconds": time.perf_counter() - begin,
         "text": asked.text,
+        "telling": asked.telling,
+        "decides": asked.decides,
         "explanations": [list(effects) for effects in asked.explanations],
-        "separations": asked.separations.tolist(),
+        "imitated": asked.imitated,
         "told": asked.told.tolist(),
     }
-    commands = {
-        ASKED: asked.command,
-        CONTROL: another_command(case, len(asked.command), _random(seed, number, CONTROL_COMMAND)),
-    }
-    for arm, command in commands.items():
-        _, row[arm] = _diagnosed(with_log(case, command, _random(seed, number, NOISE)))
+    if not asked.telling:
+        return row
+    further = [name for name in asked.floors if name not in first.floors]
+    again = case
+    for plan in asked.plans:
+        changed = plan.constants if plan is not asked.plans[0] else {}
+        rng = _random(seed, number, NOISE + len(again.further))
+        again = with_log(again, asked.command, rng, changed, further)
+    rows = len(asked.command) * len(asked.plans)
+    control = another_command(case, rows, _random(seed, number, CONTROL_COMMAND))
+    control_case = with_log(case, control, _random(seed, number, NOISE))
+    for arm, one in ((ASKED, again), (CONTROL, control_case)):
+        _, row[arm] = _diagnosed(one)
     return row
 
 
@@ -126,39 +142,32 @@ def rows(seed: int, jobs: int, known: Sequence[Row]) -> Iterator[Row]:
 def table(found: Sequence[Row]) -> str:
     """The figures of all tiers and of each."""
     lines = [
-        "tier | rigs | open after the first log | no command tells | right and alone: asked"
-        " | control | asked alone, control alone | McNemar p | truth no candidate"
-        " | asked, where the command is expected to leave the truth alone"
+        "tier | rigs | open after the first log | truth no candidate | nothing tells | right and"
+        " alone: asked | control | asked alone, control alone | McNemar p | expected"
     ]
     for tier in ("all", *CLEAN):
         here = [row for row in found if tier in ("all", row["tier"])]
         cases = [row for row in here if ASKED in row]
-        open_ = [row for row in here if "planned" in row]
+        open_ = [row for row in here if "open" in row]
+        lost = [row for row in open_ if "telling" not in row]
         right = {arm: [row[arm]["right_and_alone"] for row in cases] for arm in (ASKED, CONTROL)}
         pairs = list(zip(right[ASKED], right[CONTROL]))
         better, worse = pairs.count((True, False)), pairs.count((False, True))
         p = binomtest(better, better + worse).pvalue if better + worse else 1.0
-        truths = [_truth(row) for row in cases]
-        alone = [
-            flag
-            for row, i, flag in zip(cases, truths, right[ASKED])
-            if i is not None and sum(row["told"][i]) == len(row["told"]) - 1
-        ]
         figures = " | ".join(map(_share, right.values()))
+        expected = f"{np.mean([row['decides'] for row in cases]):.2f}" if cases else "-"
         lines.append(
-            f"{tier} | {len(here)} | {len(open_)} | {len(open_) - len(cases)} | {figures}"
-            f" | {better}, {worse} | {p:.3g} | {truths.count(None)} | {_share(alone)}"
+            f"{tier} | {len(here)} | {len(open_)} | {len(lost)}"
+            f" | {len(open_) - len(lost) - len(cases)} | {figures} | {better}, {worse} | {p:.3g}"
+            f" | {expected}"
         )
     return "\n".join(lines)
 
 
-def _truth(row: Row) -> int | None:
-    """Which of the explanations that the command is designed for is the true one."""
-    truth, hidden = set(row["truth"]), set(row["hidden"])
-    for i, effects in enumerate(row["explanations"]):
-        if truth <= set(effects) <= truth | hidden:
-            return i
-    return None
+def _true(row: Row, effects: Sequence[str]) -> bool:
+    """Whether an explanation is the true one; what is hidden may be a part of it."""
+    truth, hidden = {*row["truth"]}, {*row["hidden"]}
+    return truth <= {*effects} <= truth | hidden
 
 
 def _share(flags: Sequence[bool]) -> str:
@@ -193,7 +202,8 @@ def main() -> None:
             print(f"\r{len(found)} rigs, {done}/{given.cases} cases", end="", flush=True)
             if done == given.cases:
                 break
-    print("\n" + table(found))
+    every = sorted(given.folder.glob("*.jsonl"))
+    print("\n" + table([json.loads(line) for it in every for line in it.read_text().splitlines()]))
 
 
 if __name__ == "__main__":

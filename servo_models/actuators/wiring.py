@@ -5,8 +5,10 @@ The blocks of a shaft are in ``shaft.py``.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from servo_models.actuators.shaft import no_residual
-from servo_models.core.block import Block
+from servo_models.core.block import UNLOADED, Bench, Block
 from servo_models.core.catalogue import effects_on
 from servo_models.core.plant import Placement, State, Wire, place
 from servo_models.effects.gain_error import gain_error
@@ -14,6 +16,21 @@ from servo_models.effects.residual_map import CURVES, time_since_reversal
 
 RESIDUAL_MAP = "residual_map"
 UNKNOWN_SCALE = {"error": {"low": -2.0, "high": 9.0}}  # bounds: from the other sign to ten times
+WEIGHT = "hang a known weight on the shaft that pulls"
+LOADS = (
+    UNLOADED,
+    Bench(f"{WEIGHT} against positive motion", 180.0, 0.25),
+    Bench(f"{WEIGHT} with positive motion", 180.0, -0.25),
+)
+"""Loads of a shaft that a person can set."""
+CALIBRATED = Bench("calibrate the sensor of the angle in a jig", 600.0)
+BENCH_DRIVE = Bench("drive it from a laboratory amplifier whose output you have measured", 900.0)
+WEAK_SUPPLY = (Bench("lower the supply", 60.0, 0.7),)
+TRACKED = (Bench("track the angle of the output from outside", 900.0, 0.002),)
+GYRO = (Bench("glue a gyro to the output", 600.0, 0.01),)
+AMMETER = (Bench("measure the current of the motor by a shunt or its driver", 300.0, 0.01),)
+REPORTED = (Bench("record what the servo reports of itself", 60.0, 0.005),)
+"""How a person measures what most logs have not."""
 LEARNT = (
     Wire("residual", "1", "curves of the residual map, over its sizes"),
     Wire("since_reversal", "s", "time since the motion turned, negative while it is"),
@@ -46,11 +63,16 @@ def input_scale(name: str, wire: str) -> Placement:
 
 def outside_sensor(name: str, wire: str) -> tuple[Placement, ...]:
     """Return the effects of a sensor outside the loop on its reading of the shaft."""
-    return (
-        *effects_on(wire, f"{name}_lag"),
-        place(f"{name}_gain", gain_error, wire),
-        *effects_on(wire, f"{name}_offset", f"{name}_quantisation"),
+    lag, offset, codes = effects_on(
+        wire, *(f"{name}_{it}" for it in ("lag", "offset", "quantisation"))
     )
+    gain = place(f"{name}_gain", gain_error, wire)
+    return (lag, *without(CALIBRATED, gain, offset), codes)
+
+
+def without(bench: Bench, *placed: Placement) -> tuple[Placement, ...]:
+    """Return effects of which a person makes sure on the bench that they are not there."""
+    return tuple(replace(one, bench=(*one.bench, bench)) for one in placed)
 
 
 def residual_curves(command: str, load: str = "load_torque") -> tuple[Block | Placement, ...]:

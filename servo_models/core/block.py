@@ -233,6 +233,27 @@ class Harmonic:
     phase: str
 
 
+@dataclass(frozen=True)
+class Bench:
+    """What a person can do on the bench, beside another command, to tell causes apart.
+
+    What has the same ``how`` is done at once.
+
+    Attributes:
+        how: an instruction, such as "hang a known weight on the shaft".
+        seconds: time that it takes, about.
+        value: over the full scale of a wire: of an input what it is set to, of an output the noise
+            floor that its readings may have.  An effect is gone.
+    """
+
+    how: str
+    seconds: float
+    value: float = 0.0
+
+
+UNLOADED = Bench("take off what the shaft carries beyond the inertia that the model counts", 120.0)
+UPRIGHT = Bench("turn the axis of the shaft upright, so that no weight turns it", 180.0)
+
 Signature = Literal["", "codes", "clock"]
 OTHER_UNITS = ""  # every unit that no other effect names, in ``Hints.parameter_units``
 
@@ -263,6 +284,7 @@ class Hints:
         family: word that it shares with effects that can replace each other, such as "friction".
         learnt: it has whatever form a log shows, so it is never searched for as a cause.
         says: what it does with its size, in a clause: its parameters in braces, and ``{wire}``.
+        bench: what a person does so that it is surely not there, wherever it is placed.
     """
 
     trial_values: tuple[float, ...] = ()
@@ -283,6 +305,7 @@ class Hints:
     family: str = ""
     learnt: bool = False
     says: str = ""
+    bench: tuple[Bench, ...] = ()
 
     @property
     def counts(self) -> tuple[str, ...]:

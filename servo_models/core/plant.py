@@ -10,7 +10,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Protocol
 
-from servo_models.core.block import RESERVED, SIGNAL, TIME, Block, Param, check_name
+from servo_models.core.block import RESERVED, SIGNAL, TIME, Bench, Block, Param, check_name
 from servo_models.core.bounds import outside
 from servo_models.core.flat import owned
 from servo_models.errors import UserError, did_you_mean
@@ -37,6 +37,7 @@ class Wire:
         display: unit a person wants to read it in.
         flag: it is 0 or 1, a Boolean to the outside.
         words: words each of which in the heading of a column says that it is this signal.
+        bench: how a person sets it (an input) or measures it (an output) on the bench.
 
     Raises:
         ValueError: a name that no wire can have.
@@ -52,6 +53,7 @@ class Wire:
     display: str | None = None
     flag: bool = False
     words: tuple[str, ...] = ()
+    bench: tuple[Bench, ...] = ()
 
     def __post_init__(self) -> None:
         check_name(self.name, f"wire '{self.name}'")
@@ -83,7 +85,8 @@ class Placement:
 
     An effect and its parts are placed under one name and share that name's parameters.  ``reads``
     maps further arguments of the effect to wires where the names differ; ``params`` overrides the
-    bounds and default of single parameters.
+    bounds and default of single parameters; ``bench`` is what a person does so that at this place
+    it is surely not there.
 
     Raises:
         ValueError: a name that no effect can have, or ``reads`` or ``params`` of what the effect
@@ -95,6 +98,7 @@ class Placement:
     on: tuple[str, ...]
     reads: Mapping[str, str] = field(default_factory=dict)
     params: Mapping[str, Param] = field(default_factory=dict)
+    bench: tuple[Bench, ...] = ()
 
     def __post_init__(self) -> None:
         check_name(self.name, f"effect '{self.name}'")

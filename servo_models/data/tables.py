@@ -126,7 +126,7 @@ def write_signals(
     path = Path(path)
     check_suffix(path)
     named = {"time": (TIME, times)} | {name: (wires[name], signals[name]) for name in signals}
-    frame = pl.DataFrame({_header(wire): values for wire, values in named.values()})
+    frame = pl.DataFrame({header(wire): values for wire, values in named.values()})
     if path.suffix.lower() == ".csv":
         write_with(path, frame.write_csv)
     else:
@@ -139,7 +139,8 @@ def check_suffix(path: Path) -> None:
         raise UserError(f"'{path}' is no table: use a name that ends in {' or '.join(SUFFIXES)}")
 
 
-def _header(wire: Wire) -> str:
+def header(wire: Wire) -> str:
+    """Return the heading of a column in the unit of a wire."""
     return wire.name if wire.unit == "1" else f"{wire.name} [{wire.unit}]"
 
 

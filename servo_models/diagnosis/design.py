@@ -1,56 +1,62 @@
-"""The discriminating experiment: the command that best tells apart what the logs leave open.
+"""What to measure next: the action that best tells apart what the logs leave open.
 
-Each explanation left predicts the response to a command, with the noise that the logs have.
-The command sought is the one for which these predictive distributions have the largest quadratic
-Jensen-Renyi divergence: it counts all explanations, by their weights, and is bounded, so that
-two which are far apart already do not outweigh two which are not.
+An action is a command, a condition that holds meanwhile, and signals that are logged beside those
+of the logs so far.  Which conditions a person can set, and which signals measure, the plant
+declares (``core.block.Bench``).
 
+Each explanation left predicts the response to an action, with the noise that the logs have.
 What parameters can imitate does not count: each explanation in turn is the rig, as it is fitted,
 and each other model is re-fitted to what it predicts, as far as the logs so far and the priors let
-it.  The search does so linearly, which promises too much; of the best few commands it is done in
-earnest.
+it.  The search does so linearly, which promises too much; for the actions asked for it is done in
+earnest.  An action is worth the probability that it is expected to leave to the right explanation.
 
-Sources: Olofsson, Hebing, Niedenfuehr, Deisenroth, Misener, Computers & Chemical Engineering 125
-(2019) 54 (this divergence to design experiments that discriminate between models); Wang,
-Syeda-Mahmood, Vemuri, Beymer, Rangarajan, MICCAI (2009) 648 (its closed form for Gaussians);
-Atkinson, Fedorov, Biometrika 62 (1975) 57 (T-optimality: the rival re-fitted); Ljung, System
-Identification, 2nd ed., sec. 13.3 (sweeps and random binary signals).
+Sources: Box, Hill, Technometrics 9 (1967) 57 (experiments that discriminate between models, by the
+posterior that they are expected to leave); Atkinson, Fedorov, Biometrika 62 (1975) 57
+(T-optimality: the rival re-fitted); de Kleer, Williams, Artificial Intelligence 32 (1987) 97 (the
+next measurement by what it costs).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
-from itertools import combinations
+from functools import cache, cached_property, partial
+from itertools import combinations, permutations
 from pathlib import Path
 
 import numpy as np
 
-from servo_models.analysis.experiment import display, in_time
-from servo_models.analysis.explain import display_unit, in_display_unit
+from servo_models.analysis.experiment import in_time
 from servo_models.analysis.isolability import cause, experiment
 from servo_models.analysis.statistics import rms
+from servo_models.core.block import Bench
 from servo_models.core.plant import Plant, Wire
 from servo_models.core.types import Array, Mask
 from servo_models.data.log import Log
 from servo_models.data.sensor import REPEATS, difference_noise, spread_of_repeats
 from servo_models.data.tables import write_signals
+from servo_models.diagnosis.commands import FAMILIES, Command
+from servo_models.diagnosis.play_script import constants_of, script, script_of
 from servo_models.diagnosis.search.crossval import dispersion
 from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.diagnosis.search.residuals import Residuals, sure
 from servo_models.diagnosis.settings import DEFAULT, Settings
 from servo_models.errors import UserError
+from servo_models.files import write_with
 from servo_models.identification.problem import Problem
 from servo_models.report.numbers import listed
 
 TELLING = 0.3  # RMS [noise floors] of a difference that tells: less may be a model's inaccuracy
 TELLING_ODDS = 100.0  # odds of the right one of two explanations that a log is expected to give
-MOST = 6  # explanations, the likeliest, that a command is designed for
+MOST = 6  # explanations, the likeliest, that an action is designed for
+MOST_ACTIONS = 3  # actions asked for, each without what those before it need
+AS_GOOD = 0.05  # expected probability that a cheaper action may lack
 SIZES = (1.0, 0.3, 0.1, 0.03)  # sizes over the largest at which the search begins
-PACES = (0.02, 0.06, 0.2, 0.6)  # paces over the response time at which the search begins
-SMALLEST = 0.02  # least step of a ladder over its largest
+PACES = (0.06, 0.2, 0.6, 0.02)
+"""Paces over the response time at which the search begins: the first where all are as good."""
+LENGTH = 1.0  # of an experiment over the response time, or over the longest log
+FARTHEST = 10.0  # outputs over the largest that was logged from which a model runs away
 
 
 # The result
@@ -58,17 +64,23 @@ SMALLEST = 0.02  # least step of a ladder over its largest
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
-    """A command to play next, and what it is expected to show.
+    """What to do next, and what it is expected to show.
 
     Attributes:
         explanations: effects of each fitted model that it is designed for, the likeliest first.
         weights: their probabilities among themselves, shape (n,).
-        separations: RMS [noise floors] that model k, re-fitted, is expected to leave of the log if
-            explanation i is the right one, shape (n, n).
+        separations: size [noise floors] of what model k, re-fitted, is expected to leave of the log
+            if explanation i is the right one, shape (n, n): RMS over time, all outputs squared and
+            added.
         told: whether that rules out k, shape (n, n).
+        imitated: pairs (i, k) of which explanation k can imitate i whatever is done.
+        decides: probability that it is expected to leave to the right explanation.
+        seconds: time that it takes, about.
         steps: what to do, then what to expect, a sentence each.
         wire: the input that is played.
-        plan: the log to be, in which nothing is measured yet.
+        plans: the logs to be, of the same command, in which nothing is measured yet: as the first
+            log was, then under each condition.
+        floors: noise floor [SI] of each of its outputs.
         file: name of the table with the command, "" while there is none.
     """
 
@@ -76,9 +88,13 @@ class Experiment:
     weights: Array
     separations: Array
     told: Mask
+    imitated: tuple[tuple[int, int], ...]
+    decides: float
+    seconds: float
     steps: tuple[str, ...]
     wire: Wire
-    plan: Log
+    plans: tuple[Log, ...]
+    floors: Mapping[str, float]
     file: str = ""
 
     @property
@@ -89,23 +105,20 @@ class Experiment:
     @property
     def times(self) -> Array:
         """[s], shape (n,)."""
-        return self.plan.times
+        return self.plans[0].times
 
     @property
     def command(self) -> Array:
         """What is played [SI], shape (n,)."""
-        return self.plan.inputs[self.wire.name]
-
-    @property
-    def constants(self) -> Mapping[str, float]:
-        """Inputs and parameters [SI] that hold meanwhile, by name."""
-        return self.plan.constants
+        return self.plans[0].inputs[self.wire.name]
 
     @property
     def instructions(self) -> tuple[str, ...]:
-        """The steps, the table to play in the first."""
+        """The steps, the files in the first."""
         play, *others = self.steps
-        return (f"{play} Its table is {self.file}." if self.file else play, *others)
+        if not self.file:
+            return self.steps
+        return (f"{play} The command is {self.file}; {script_of(self.file)} plays it.", *others)
 
     @property
     def telling(self) -> bool:
@@ -119,14 +132,17 @@ class Experiment:
         place = self.explanations.index
         return both and bool(self.told[place(right), place(model)])
 
-    def write(self, folder: Path) -> None:
-        """Write times and command as ``file`` in a folder, a table ready to play.
+    def write(self, folder: Path, outputs: Sequence[Wire]) -> None:
+        """Write times and command as ``file`` in a folder, and beside it the script that plays it
+        and logs ``outputs``.
 
         Raises:
             UserError: see ``tables.write_signals``.
         """
         wires = {self.wire.name: self.wire}
         write_signals(folder / self.file, self.times, {self.wire.name: self.command}, wires)
+        text = script(self.file, self.wire, outputs, self.plans)
+        write_with(folder / script_of(self.file), lambda part: part.write_text(text, "utf-8"))
 
 
 def is_filled(path: Path) -> bool:
@@ -140,22 +156,21 @@ def is_filled(path: Path) -> bool:
 def next_experiments(
     rivals: Sequence[FittedModel], weights: Sequence[float], seed: int = 0
 ) -> tuple[Experiment, ...]:
-    """Return the command that best tells the fitted models left apart, none for fewer than two;
-    the likeliest first, ``weights`` their probabilities."""
+    """Return the actions that best tell the fitted models left apart, none for fewer than two.
+
+    The first is the cheapest of those that decide as well as any; each other one does without a
+    condition or a signal of those before it.  Where nothing tells any of them apart there is one,
+    which says so.
+
+    Args:
+        rivals: fitted models, the likeliest first.
+        weights: their probabilities.
+        seed: of what is random in a command.
+    """
     if len(rivals) < 2:
         return ()
     designer = ExperimentDesigner(rivals[:MOST], weights[:MOST], seed)
-    separations, command = designer.best()
-    designed = Experiment(
-        tuple(rival.effects for rival in designer.rivals),
-        designer.weights,
-        separations,
-        designer.told(separations),
-        (),
-        designer.wire,
-        designer.plan(command),
-    )
-    return (replace(designed, steps=tuple(_steps(designer, command, designed))),)
+    return tuple(designer.experiment(action) for action in designer.best())
 
 
 def repeats_wanted(
@@ -178,133 +193,86 @@ def repeats_wanted(
     )
 
 
-# Commands
+# What can be done
 
 
 @dataclass(frozen=True)
-class Command:
-    """A command within its limits.
+class Preparation:
+    """What a person does before a log, and what it takes.
 
     Attributes:
-        family: name in ``FAMILIES``.
-        middle, size: [SI of the input]; it stays within middle +- size.
-        pace: [s], what it means is up to the family.
-        seed: seed of what is random in it.
+        how: the instruction, "" for nothing.
+        seconds: time that it takes.
+        values: constants [SI] that hold then, by name; or noise floors [SI] of the outputs that can
+            be logged then, if it ``measures``.
     """
 
-    family: str
-    middle: float
-    size: float
-    pace: float
-    seed: int
-
-    def values(self, times: Array) -> Array:
-        """The command [SI] at ``times`` [s] from 0, shape (n,)."""
-        random = np.random.default_rng(self.seed)
-        return self.middle + self.size * FAMILIES[self.family].shape(times, self.pace, random)
-
-    def text(self, wire: Wire, duration: float) -> str:
-        """Say what is played on a wire for ``duration`` [s]."""
-        scale, unit = display(wire)
-
-        def level(value: float) -> str:
-            return f"{scale * value:.4g} {unit}".rstrip()
-
-        return FAMILIES[self.family].about.format(
-            middle=level(self.middle),
-            low=level(self.middle - self.size),
-            high=level(self.middle + self.size),
-            size=level(self.size),
-            least=level(SMALLEST * self.size),
-            pace=in_time(self.pace),
-            slow=in_time(4.0 * self.pace),
-            own=f"{0.25 / self.pace:.3g} Hz",
-            first=f"{1.0 / duration:.3g} Hz",
-            last=f"{1.0 / self.pace:.3g} Hz",
-        )
-
-    def nearby(self, ratio: float) -> Iterator[Command]:
-        """Commands of the same family that are larger, smaller, faster or slower by ``ratio``."""
-        for factor in (ratio, 1.0 / ratio):
-            yield replace(self, size=self.size * factor)
-            yield replace(self, pace=self.pace * factor)
-
-
-def _ladder(times: Array, pace: float, random: np.random.Generator) -> Array:
-    """Steps to both sides and back to the middle, growing until the end."""
-    count = np.floor(times / pace)
-    last = max(float(count[-1]), 1.0)
-    side = np.array([0.0, 1.0, 0.0, -1.0])[count.astype(int) % 4]
-    return np.asarray(side * SMALLEST ** (1.0 - count / last))
-
-
-def _triangle(times: Array, pace: float, random: np.random.Generator) -> Array:
-    """A triangle, ``pace`` from zero to its top."""
-    return np.asarray(2.0 / np.pi * np.arcsin(np.sin(0.5 * np.pi * times / pace)))
-
-
-def _chirp(times: Array, pace: float, random: np.random.Generator) -> Array:
-    """A sine from one period over the whole length to a last period of ``pace``."""
-    length = times[-1]
-    growth = np.log(max(length / pace, 1.01))
-    return np.asarray(np.sin(2.0 * np.pi * np.expm1(growth * times / length) / growth))
-
-
-def _random(times: Array, pace: float, random: np.random.Generator) -> Array:
-    """Either limit at random, kept for ``pace``."""
-    count = np.floor(times / pace).astype(int)
-    return np.asarray(random.choice([-1.0, 1.0], count[-1] + 1)[count])
-
-
-def _bursts(times: Array, pace: float, random: np.random.Generator) -> Array:
-    """Steps back to back for the first half, then the same steps four times as far apart."""
-    half = 0.5 * times[-1]
-    phase = np.where(times < half, times / pace, (times - half) / (4.0 * pace))
-    return np.where(np.floor(phase).astype(int) % 2 == 0, 1.0, -1.0)
+    how: str = ""
+    seconds: float = 0.0
+    values: tuple[tuple[str, float], ...] = ()
+    measures: bool = False
 
 
 @dataclass(frozen=True)
-class Family:
-    """A shape over time, from times [s], pace [s] and a random generator; and it in words."""
+class Play:
+    """A command under a condition: one log."""
 
-    shape: Callable[[Array, float, np.random.Generator], Array]
-    about: str
-
-
-FAMILIES = {
-    "ladder": Family(
-        _ladder,
-        "steps from {middle} to both sides and back, growing from {least} to {size}, {pace} each",
-    ),
-    "triangle": Family(_triangle, "a triangle of {size} amplitude about {middle} at {own}"),
-    "chirp": Family(
-        _chirp, "a sine of {size} amplitude about {middle} that sweeps from {first} to {last}"
-    ),
-    "random": Family(_random, "jumps between {low} and {high} at random, every {pace} at most"),
-    "bursts": Family(
-        _bursts,
-        "steps between {low} and {high} every {pace}, and in the second half every {slow}",
-    ),
-}
+    command: Command
+    condition: Preparation
 
 
-# The criterion
+@dataclass(frozen=True, eq=False)
+class Action:
+    """What is done, what it leaves and what that is worth, see ``Experiment``.
 
-
-def confusion(weights: Array, squares: Array, power: float) -> float:
-    """Return the logarithm of what different Gaussians of one covariance have in common.
-
-    It falls as the quadratic Jensen-Renyi divergence ``-log(sum(w_i w_k c_ik))`` grows, with
-    ``c_ik = exp(-squares_ik / (4 power))``, also where that is at its bound to all digits.
-
-    Args:
-        weights: weights of the Gaussians, shape (n,), their sum 1.
-        squares: squared distance of any two means, shape (n, n); where those of a pair are not the
-            same, what they have in common is the mean of both.
-        power: variance in every direction.
+    Attributes:
+        command: what is played, as the first log was and then under each of the conditions.
+        needs: conditions and further signals.
     """
-    common = np.log(np.outer(weights, weights)) - squares / (4.0 * power)
-    return float(np.logaddexp.reduce(common[~np.eye(len(weights), dtype=bool)]))
+
+    command: Command
+    needs: tuple[Preparation, ...]
+    separations: Array
+    decides: float
+    seconds: float
+
+
+def conditions(plant: Plant, command: str) -> list[Preparation]:
+    """Return what a person can set beside the input ``command``."""
+    inputs = [
+        (bench, wire.name, bench.value * wire.scale)
+        for wire in plant.inputs
+        if wire.name != command
+        for bench in wire.bench
+    ]
+    effects = [
+        (bench, f"{name}.{switch}", 0.0)
+        for name in plant.placements
+        for main in [plant.main(name)]
+        for bench in (*main.bench, *main.effect.hints.bench)
+        for switch in main.effect.switches
+    ]
+    return _together([*inputs, *effects])
+
+
+def measures(plant: Plant, logged: Container[str]) -> list[Preparation]:
+    """Return what a person can measure beside the outputs that are ``logged``."""
+    every = [
+        (bench, name, bench.value * plant.wire[name].scale)
+        for name in plant.outputs
+        if name not in logged
+        for bench in plant.wire[name].bench
+    ]
+    return [replace(one, measures=True) for one in _together(every)]
+
+
+def _together(every: Iterable[tuple[Bench, str, float]]) -> list[Preparation]:
+    """Names and values by what is done for them."""
+    found: dict[str, Preparation] = {}
+    for bench, name, value in every:
+        one = found.get(bench.how, Preparation(bench.how, bench.seconds))
+        found[bench.how] = replace(one, values=(*one.values, (name, value)))
+    return list(found.values())
 
 
 # The search
@@ -323,6 +291,9 @@ class ExperimentDesigner:
         unit: time scale of its paces and its length [s].
         times: sample times of an experiment [s], shape (n,).
         farthest: outputs [noise floors] from which a model runs away.
+        measures: what can be logged beside the outputs of the logs.
+        sigma: noise floor [SI] of all that is or can be logged.
+        conditions: what can be set, that of the first log first.
     """
 
     def __init__(self, rivals: Sequence[FittedModel], weights: Sequence[float], seed: int) -> None:
@@ -336,40 +307,133 @@ class ExperimentDesigner:
         self.step = float(f"{step:.9g}")  # a table is read by people
         longest = max(log.duration for log in self.problem.logs)
         self.fastest = 5.0 * self.step  # pace that the sampling can follow
-        # where the slowest pace is too fast, all are made slower
-        playable = (1.0 + 1e-9) * self.fastest / PACES[-1]
+        # where the second pace is too fast, all are made slower
+        playable = (1.0 + 1e-9) * self.fastest / PACES[1]
         # whoever made short logs knows how fast the actuator is
         self.unit = max(min(self.problem.model.stop_time, longest), playable)
-        count = round(5.0 * self.unit / self.step)
+        count = round(LENGTH * self.unit / self.step)
         self.times = self.step * np.arange(count + 1.0)
-        self.samples = len(self.times) * len(self.problem.sigma)
         outputs = [(name, log.outputs[name]) for log in self.problem.logs for name in log.outputs]
         largest = max(float(np.abs(it / self.problem.sigma[name]).max()) for name, it in outputs)
-        self.farthest = 1000.0 * largest  # a command from which a model runs away is no experiment
+        self.farthest = FARTHEST * largest  # a command from which a model runs away is none
+        plant = self.problem.model.plant
+        self.measures = measures(plant, self.problem.sigma)
+        # a signal is expected to be as noisy for its scale as those logged, or worse
+        noisy = min(size / plant.wire[name].scale for name, size in self.problem.sigma.items())
+        further = {
+            name: max(size, noisy * plant.wire[name].scale)
+            for it in self.measures
+            for name, size in it.values
+        }
+        self.sigma = {**self.problem.sigma, **further}
+        every = conditions(plant, self.wire.name)
+        self.conditions = [Preparation(), *(one for one in every if self._differs(one))]
         self.response = cache(self._response)
         self.slopes = cache(self._slopes)
+        self.change = cache(self._change)
 
-    def best(self) -> tuple[Array, Command]:
-        """Return the best command, and the separations [noise floors] of the rivals, (n, n)."""
-        first = self._allowed(self.grid())
-        raw = self._all(self.differences, first)
-        families = [[c for c in first if c.family == family] for family in FAMILIES]
-        # the two of each family that look best before anything is re-fitted
-        shortlist = [c for commands in families for c in self._ranked(commands, raw)[:2]]
-        separations = self._all(self.separations, shortlist)
-        for ratio in (1.8, 1.35):  # steps of size and pace around the best one
-            (most, *_) = self._ranked(separations, separations)
-            further = [c for c in self._allowed(most.nearby(ratio)) if c not in separations]
-            separations |= self._all(self.separations, further)
-        likely = self._ranked(separations, separations)[:3]  # each is re-fitted in earnest
-        tried = {command: self.masked(command, separations[command]) for command in likely}
-        (most, *_) = self._ranked(tried, tried)
-        return tried[most], most
+    def _differs(self, condition: Preparation) -> bool:
+        """Whether a condition is another one than that of the first log, for any of the rivals."""
+        rests = {wire.name: wire.rest for wire in self.problem.model.plant.inputs}
+        every = [
+            {**rests, **rival.problem.model.values, **rival.values, **self.held}
+            for rival in self.rivals
+        ]
+        return any(one[name] != value for one in every for name, value in condition.values)
+
+    def best(self) -> list[Action]:
+        """Return the actions to ask for, at least one."""
+        items, asked = [*self.conditions[1:], *self.measures], list[Action]()
+        while len(asked) < MOST_ACTIONS:
+            action = self._grown(items)
+            if not asked:
+                action = self.in_earnest(action)
+            elif not self.told(action.separations).any():
+                break
+            asked.append(action)
+            if not action.needs:
+                break
+            items = [one for one in items if one not in action.needs]
+        return asked
+
+    def _grown(self, items: Sequence[Preparation]) -> Action:
+        """An action with one item more as long as any decides more: the cheapest of those that
+        decide as much."""
+        action = self.action(())
+        while True:
+            left = [one for one in items if one not in action.needs]
+            more = [self.action((*action.needs, one)) for one in left]
+            enough = max((one.decides for one in more), default=0.0) - AS_GOOD
+            if enough <= action.decides:
+                return action
+            action = min((it for it in more if it.decides >= enough), key=lambda it: it.seconds)
+
+    def action(self, needs: tuple[Preparation, ...]) -> Action:
+        """Return an action that needs this, with the best command for it."""
+        apart = self._all(partial(self.separations, needs=needs), self.commands)
+        (most, *_) = self._ranked(apart)
+        return self._action(most, needs, apart[most])
+
+    @cached_property
+    def commands(self) -> list[Command]:
+        """Commands that are tried: those that look best before anything is re-fitted, by what can
+        be measured and by what is logged, and the best ladder, which shows all sizes."""
+        chosen = []
+        for outputs in (tuple(self.sigma), tuple(self.problem.sigma)):
+            raw = self._all(partial(self.differences, outputs=outputs), self._allowed(self.grid()))
+            chosen.append(self._ranked(raw)[0])
+        ladders = {one: it for one, it in raw.items() if one.family == "ladder"}
+        return list(dict.fromkeys([*chosen, *self._ranked(ladders)[:1]]))
+
+    def in_earnest(self, action: Action) -> Action:
+        """Return an action with its command refined, and what it leaves re-fitted in earnest."""
+        near = [action.command, *self._allowed(action.command.nearby(1.5))]
+        apart = self._all(partial(self.separations, needs=action.needs), near)
+        (most, *_) = self._ranked(apart)
+        return self._action(most, action.needs, self.masked(most, action.needs, apart[most]))
+
+    def _action(
+        self, command: Command, needs: tuple[Preparation, ...], separations: Array
+    ) -> Action:
+        logs = [self.plan(play) for play in self.plays(command, needs)]
+        seconds = sum(it.seconds for it in needs) + sum(it.settle + it.duration for it in logs)
+        return Action(command, needs, separations, self.decides(separations), seconds)
+
+    def plays(self, command: Command, needs: Sequence[Preparation]) -> list[Play]:
+        """Return the logs of a command: as the first log was, then under each condition."""
+        conditions = [self.conditions[0], *(one for one in needs if not one.measures)]
+        return [Play(command, condition) for condition in conditions]
+
+    def outputs(self, needs: Iterable[Preparation]) -> tuple[str, ...]:
+        """Return the names of what is logged."""
+        further = (name for one in needs if one.measures for name, _ in one.values)
+        return (*self.problem.sigma, *further)
+
+    def likelihoods(self, separations: Array) -> Array:
+        """Return the log likelihood that a log with these separations [noise floors] is expected to
+        take from rival k if rival i is right, shape (n, n)."""
+        return np.asarray(len(self.times) * separations**2 / (2.0 * self.power))
+
+    def lost(self, separations: Array) -> Array:
+        """Return the same, 0 where a model may be as inaccurate."""
+        return np.where(separations >= TELLING, self.likelihoods(separations), 0.0)
 
     def told(self, separations: Array) -> Mask:
         """Which rivals a log with these separations [noise floors] is expected to tell apart."""
-        expected = self.samples * separations**2 / (2.0 * self.power)
-        return (separations >= TELLING) & (expected >= math.log(TELLING_ODDS))
+        return np.asarray(self.lost(separations) >= math.log(TELLING_ODDS))
+
+    def decides(self, separations: Array) -> float:
+        """Return the probability that is expected to be left to the right rival."""
+        return float(
+            self.weights @ (self.weights / (np.exp(-self.lost(separations)) @ self.weights))
+        )
+
+    def imitated(self) -> list[tuple[int, int]]:
+        """Return the pairs (i, k) in which rival k can imitate i whatever is done."""
+        needs = (*self.conditions[1:], *self.measures)
+        every = self._all(partial(self.separations, needs=needs), self.commands)
+        never = ~np.any([self.told(one) for one in every.values()], axis=0)
+        return [(i, k) for i, k in permutations(range(len(never)), 2) if never[i, k]]
 
     def grid(self) -> list[Command]:
         """Commands of all families to begin a search with."""
@@ -381,51 +445,72 @@ class ExperimentDesigner:
             for pace in PACES
         ]
 
-    def differences(self, command: Command) -> Array:
-        """RMS differences [noise floors] of the rivals as they are, shape (n, n).
+    def differences(self, command: Command, outputs: Sequence[str]) -> Array:
+        """Differences [noise floors] of the rivals as they are, under the condition of the first
+        log, see ``Experiment.separations``; 0 where it is not ``sound``."""
+        play, n = Play(command, self.conditions[0]), len(self.rivals)
+        if not self.sound(play):
+            return np.zeros((n, n))
+        every = np.array([self.response(i, play) for i in range(n)])[:, self._rows(outputs)]
+        squares = np.mean((every[:, None] - every) ** 2, axis=-1)
+        return np.asarray(np.sqrt(squares.sum(axis=-1)))
 
-        They are 0 where any of them cannot run or runs away, and where motion looks like noise.
-        """
-        responses = [self.response(i, command) for i in range(len(self.rivals))]
-        sound = all(np.abs(response).max() <= self.farthest for response in responses)
-        # motion that the audit takes for noise of more than half a floor hides what differs
-        if not sound or self._noise(responses[0], command) > 0.5:
-            return np.zeros((len(responses), len(responses)))
-        every = np.array(responses)
-        return np.asarray(np.sqrt(np.mean((every[:, None] - every) ** 2, axis=2)))
+    def _rows(self, outputs: Iterable[str]) -> list[int]:
+        return [tuple(self.sigma).index(name) for name in outputs]
 
-    def _noise(self, response: Array, command: Command) -> float:
-        """Largest apparent noise [noise floors] of a clean response."""
-        values = command.values(self.times)[:, None]
-        parts = np.split(response, len(self.problem.sigma))
-        return max(
-            max(difference_noise(part), spread_of_repeats(part, values) or 0.0) for part in parts
+    def sound(self, play: Play) -> bool:
+        """Return whether all rivals can run and none runs away, and motion does not look like
+        noise."""
+        every = [self.response(i, play) for i in range(len(self.rivals))]
+        logged = np.array(every)[:, : len(self.problem.sigma)]
+        if not np.abs(logged).max() <= self.farthest:
+            return False
+        values = play.command.values(self.times)[:, None]
+        noise = (
+            max(difference_noise(it), spread_of_repeats(it, values) or 0.0) for it in logged[0]
         )
+        # motion that the audit takes for noise of more than half a floor hides what differs
+        return max(noise) <= 0.5
 
-    def separations(self, command: Command) -> Array:
-        """RMS [noise floors] that rival k leaves of the response of rival i, re-fitted linearly,
-        shape (n, n)."""
-        apart = self.differences(command)
-        for i, k in zip(*np.nonzero(apart)):
-            change = self.response(i, command) - self.response(k, command)
-            left = _unexplained(change, self.slopes(k, command), self.known[k])
-            apart[i, k] = math.sqrt(left / len(change))
-        return apart
+    def separations(self, command: Command, needs: Sequence[Preparation]) -> Array:
+        """What rival k leaves of rival i, re-fitted linearly [noise floors], see
+        ``Experiment.separations``; 0 where a log is not ``sound``."""
+        rows, n = self._rows(self.outputs(needs)), len(self.rivals)
+        left = np.zeros((n, n))
+        plays = self.plays(command, needs)
+        if not all(map(self.sound, plays)):
+            return left
+        for i, k in permutations(range(n), 2):
+            every = [[one[rows] for one in self.change(i, k, play)] for play in plays]
+            change, towards, slopes = (sum(it.sum(axis=0) for it in one) for one in zip(*every))
+            step = np.linalg.lstsq(slopes + self.known[k], towards, rcond=None)[0]
+            left[i, k] = max(float(change - towards @ step), 0.0)
+        return np.asarray(np.sqrt(left / len(self.times)))
 
-    def masked(self, command: Command, separations: Array) -> Array:
+    def _change(self, i: int, k: int, play: Play) -> tuple[Array, Array, Array]:
+        """Difference of rig i from model k in one log, of each output: its square, its products
+        with the slopes of the model, and their products with each other."""
+        change, slopes = self.response(i, play) - self.response(k, play), self.slopes(k, play)
+        towards = np.einsum("otp,ot->op", slopes, change)
+        return np.sum(change**2, axis=1), towards, np.einsum("otp,otq->opq", slopes, slopes)
+
+    def masked(self, command: Command, needs: Sequence[Preparation], separations: Array) -> Array:
         """The same, re-fitted in earnest where ``separations`` are large enough to matter."""
         left = separations.copy()
         for i, k in zip(*np.nonzero(separations >= TELLING)):
-            left[i, k] = min(left[i, k], self._left(command, i, k))
+            left[i, k] = min(left[i, k], self._left(command, needs, i, k))
         return left
 
-    def _left(self, command: Command, rig: int, model: int) -> float:
+    def _left(self, command: Command, needs: Sequence[Preparation], rig: int, model: int) -> float:
         """What a model leaves of the response of another one as the rig."""
-        plan, names = self.plan(command), list(self.problem.sigma)
-        parts = np.split(self.response(rig, command), len(names))
-        outputs = {name: self.problem.sigma[name] * part for name, part in zip(names, parts)}
-        problem = played(self.rivals[model], replace(plan, outputs=outputs))
-        return _residual_after_refit(self.rivals[model], problem, self.known[model])
+        plans = []
+        for play in self.plays(command, needs):
+            response = dict(zip(self.sigma, self.response(rig, play)))
+            readings = {name: self.sigma[name] * response[name] for name in self.outputs(needs)}
+            plans.append(replace(self.plan(play), outputs=readings))
+        problem = played(self.rivals[model], plans, self.sigma)
+        left = _residual_after_refit(self.rivals[model], problem, self.known[model])
+        return left * math.sqrt(problem.samples / len(self.times))
 
     @cached_property
     def known(self) -> list[Array]:
@@ -438,13 +523,18 @@ class ExperimentDesigner:
             precisions.append(data.T @ data / coloured + priors.T @ priors)
         return precisions
 
-    def _ranked(self, commands: Iterable[Command], apart: Mapping[Command, Array]) -> list[Command]:
-        """Commands, that with the largest divergence of its separations first."""
+    def _ranked(self, apart: Mapping[Command, Array]) -> list[Command]:
+        """Commands, that with the least left to wrong rivals by its separations first."""
+        odds = np.log(np.outer(self.weights, self.weights))
+        others = ~np.eye(len(odds), dtype=bool)
 
-        def common(command: Command) -> float:
-            return confusion(self.weights, self.samples * apart[command] ** 2, self.power)
+        def left(command: Command) -> float:
+            """Logarithm of the weight that rivals are expected to have in one another's place: it
+            also ranks what decides to all digits."""
+            weights = (odds - self.likelihoods(apart[command]))[others]
+            return round(float(np.logaddexp.reduce(weights)), 6)  # less is rounding
 
-        return sorted(commands, key=common)
+        return sorted(apart, key=left)
 
     def _all(
         self, measure: Callable[[Command], Array], commands: Sequence[Command]
@@ -457,58 +547,91 @@ class ExperimentDesigner:
         slowest = 0.5 * self.times[-1]
         return [c for c in commands if c.size <= largest and self.fastest <= c.pace <= slowest]
 
-    def _response(self, i: int, command: Command) -> Array:
-        """Outputs of a rival in noise floors, one after the other, shape (m,); NaN where it cannot
-        run."""
-        problem = played(self.rivals[i], self.plan(command))
+    def _response(self, i: int, play: Play) -> Array:
+        """Outputs of a rival in noise floors, shape (outputs, n); NaN where it cannot run."""
+        problem = played(self.rivals[i], [self.plan(play)], self.sigma)
         try:
             (outputs,) = problem.responses(self.rivals[i].evidence.vector)
         except UserError:
-            return np.array([np.nan])
-        return np.concatenate([values / problem.sigma[name] for name, values in outputs.items()])
+            return np.full((len(self.sigma), len(self.times)), np.nan)
+        return np.array([outputs[name] / size for name, size in self.sigma.items()])
 
-    def _slopes(self, i: int, command: Command) -> Array:
-        """Slopes of the response per scale of each free parameter, shape (m, p)."""
-        problem = played(self.rivals[i], self.plan(command))
+    def _slopes(self, i: int, play: Play) -> Array:
+        """Slopes of the response per scale of each free parameter, shape (outputs, n, p)."""
+        problem = played(self.rivals[i], [self.plan(play)], self.sigma)
         slopes = problem.jacobian(self.rivals[i].evidence.vector, self.rivals[i].widths)
-        return slopes[: problem.samples]
+        return slopes[: problem.samples].reshape(len(self.sigma), len(self.times), -1)
 
-    def plan(self, command: Command) -> Log:
-        """Return the log of a command before it is played: nothing is measured yet.
+    @cached_property
+    def held(self) -> dict[str, float]:
+        """What held in the first log [SI], other inputs where they were most of the time."""
+        first = self.problem.logs[0]
+        held = {**first.constants, **{k: float(np.median(v)) for k, v in first.inputs.items()}}
+        held.pop(self.wire.name, None)
+        return held
 
-        It is taken under the conditions of the first log, other inputs where they were most of the
-        time.  It begins at rest, as its first row says to whoever reads it, or, where the limits do
-        not allow that, with its first row held.
+    def plan(self, play: Play) -> Log:
+        """Return the log of a play before it is played: nothing is measured yet.
+
+        What it does not set is as in the first log.  It begins at rest, as its first row says to
+        whoever reads it, or, where the limits or the condition do not allow that, with its first
+        row held.
         """
         first, n = self.problem.logs[0], len(self.times)
         rest = float(self.wire.rest)
-        rests = self.low <= rest <= self.high
-        held = {**first.constants, **{k: float(np.median(v)) for k, v in first.inputs.items()}}
-        held.pop(self.wire.name, None)
-        values = command.values(self.times)
-        if rests:
+        held = {**self.held, **dict(play.condition.values)}
+        values = play.command.values(self.times)
+        at_rest = self.low <= rest <= self.high
+        if at_rest:
             values[0] = rest
+        inputs = self.problem.model.plant.inputs
+        away = (held.get(wire.name, wire.rest) != wire.rest for wire in inputs)
+        settle = first.settle
+        if not at_rest or any(away):
+            settle = max(first.settle, min(self.problem.model.stop_time, float(self.times[-1])))
         return replace(
             first,
             times=self.times,
             inputs={self.wire.name: values},
             constants=held,
-            outputs={name: np.zeros(n) for name in self.problem.sigma},
+            outputs={name: np.zeros(n) for name in self.sigma},
             rows=np.arange(n),
             held_out=np.zeros(n, dtype=bool),
             skipped=None,
             unsure=None,
             begin=0.0,
-            settle=0.0 if rests else max(first.settle, self.problem.model.stop_time),
+            settle=settle,
             start=None,
             notes=(),
         )
 
+    def experiment(self, action: Action) -> Experiment:
+        """Return an action as it is told."""
+        names = self.outputs(action.needs)
+        plans = []
+        for play in self.plays(action.command, action.needs):
+            plan = self.plan(play)
+            plans.append(replace(plan, outputs={name: plan.outputs[name] for name in names}))
+        designed = Experiment(
+            tuple(rival.effects for rival in self.rivals),
+            self.weights,
+            action.separations,
+            self.told(action.separations),
+            tuple(self.imitated()),
+            action.decides,
+            action.seconds,
+            (),
+            self.wire,
+            tuple(plans),
+            {name: self.sigma[name] for name in names},
+        )
+        return replace(designed, steps=tuple(_steps(self, action, designed)))
 
-def played(rival: FittedModel, plan: Log) -> Problem:
-    """Return the problem of a rival with the log of an experiment."""
+
+def played(rival: FittedModel, plans: Sequence[Log], sigma: Mapping[str, float]) -> Problem:
+    """Return the problem of a rival with the logs of an experiment."""
     problem = rival.problem
-    return Problem(problem.model, [plan], problem.free, sigma=problem.sigma)
+    return Problem(problem.model, plans, problem.free, sigma=sigma)
 
 
 def _limits(problem: Problem) -> tuple[Wire, float, float]:
@@ -523,13 +646,6 @@ def _limits(problem: Problem) -> tuple[Wire, float, float]:
     least = -math.inf if wire.low is None else wire.low
     most = math.inf if wire.high is None else wire.high
     return wire, max(low, least), min(high, most)
-
-
-def _unexplained(change: Array, slopes: Array, known: Array) -> float:
-    """Square of a change that parameters leave, what they stray from earlier logs included."""
-    towards = slopes.T @ change
-    step = np.linalg.lstsq(slopes.T @ slopes + known, towards, rcond=None)[0]
-    return max(float(change @ change - towards @ step), 0.0)
 
 
 def _residual_after_refit(rival: FittedModel, problem: Problem, known: Array) -> float:
@@ -572,73 +688,53 @@ def _residual_after_refit(rival: FittedModel, problem: Problem, known: Array) ->
 # In words
 
 
-def _steps(designer: ExperimentDesigner, command: Command, designed: Experiment) -> Iterator[str]:
-    plant, plan = designer.problem.model.plant, designed.plan
-    duration = float(designer.times[-1])
-    hertz = 1.0 / designer.step
-    rate = f"{hertz:.4g} Hz" if hertz < 9999.5 else f"{1e-3 * hertz:.4g} kHz"
-    played_ = (
-        f"ommand {command.text(designer.wire, duration)} on {designer.wire.name} for"
-        f" {in_time(duration)}, log {' and '.join(designer.problem.sigma)} at {rate}."
-    )
+def _steps(designer: ExperimentDesigner, action: Action, designed: Experiment) -> Iterator[str]:
+    names, (plan, *changed) = designed.explanations, designed.plans
     if designed.telling:
-        yield f"C{played_}"
+        before = [_sentence(it.how) for it in action.needs if it.measures]
+        yield " ".join([*before, _command(designer, action, designed)])
+        if plan.settle:
+            yield f"Hold its first value for {in_time(plan.settle)} before the log begins."
+        if plan.constants:
+            yield f"Meanwhile, as in log '{plan.name}', {constants_of(plan)}."
+        for one, other in zip((it for it in action.needs if not it.measures), changed):
+            yield (
+                f"{_sentence(one.how)} Play it again: in the description this log has"
+                f" {constants_of(other)}."
+            )
+        yield (
+            f"Expected to leave {designed.decides:.0%} to the right one of {_listed(names)};"
+            f" the likeliest has {designed.weights.max():.0%} now. Takes about"
+            f" {in_time(designed.seconds)}."
+        )
+        for i, name in enumerate(names):
+            others = [names[k] for j, k in designed.imitated if j == i]
+            if others:
+                yield (
+                    f"If it is {_names(name)}, nothing rules out {_listed(others, 'or')}: that"
+                    " choice makes no difference to these outputs."
+                )
     else:
         yield (
-            "No command that was tried inside the limits tells"
-            f" {_listed(designed.explanations, 'or')} apart. At best, c{played_}"
+            f"Nothing that can be played, set or measured tells {_listed(names, 'or')} apart: which"
+            " of them it is makes no difference to these outputs."
         )
-    if plan.settle:
-        yield f"Hold its first value for {in_time(plan.settle)} before the log begins."
-    if plan.constants:
-        yield f"Meanwhile {_held(plant, plan.constants)}, as in log '{plan.name}'."
-    yield from _predicted(designer, command)
-    if designed.telling:
-        yield from _expected(designed)
-    else:
-        most = _few(float(designed.separations.max()))
-        yield f"Re-fitted to what another predicts, none would leave more than {most} noise floors."
-    known = _on_record(plant, designed)
+    known = _on_record(designer.problem.model.plant, designed)
     if known:
         yield f"What else separates them: {known}."
 
 
-def _predicted(designer: ExperimentDesigner, command: Command) -> Iterator[str]:
-    """What each explanation predicts of the first output."""
-    (output, floor), *_ = designer.problem.sigma.items()
-    scale, unit = display(designer.problem.model.plant.wire[output])
-    ranges: dict[str, list[tuple[str, ...]]] = {}
-    for i, rival in enumerate(designer.rivals):
-        response = designer.response(i, command)
-        if np.isfinite(response).all():
-            values = scale * floor * response[: len(designer.times)]
-            text = f"from {values.min():.4g} to {values.max():.4g} {unit}".rstrip()
-            ranges.setdefault(text, []).append(rival.effects)
-    parts = [f"{text} with {_listed(who, 'or')}" for text, who in ranges.items()]
-    yield f"Predicted {output}: {', '.join(parts)}."
+def _command(designer: ExperimentDesigner, action: Action, designed: Experiment) -> str:
+    hertz, duration = 1.0 / designer.step, float(designed.times[-1])
+    rate = f"{hertz:.4g} Hz" if hertz < 9999.5 else f"{1e-3 * hertz:.4g} kHz"
+    return (
+        f"Command {action.command.text(designed.wire, duration)} on {designed.wire.name}"
+        f" for {in_time(duration)}, log {listed(designed.floors)} at {rate}."
+    )
 
 
-def _expected(designed: Experiment) -> Iterator[str]:
-    """What is expected to be left if either explanation is the right one."""
-    every = range(len(designed.explanations))
-    for i in every:
-        gone = [k for k in every if designed.told[i, k]]
-        stay = [designed.explanations[k] for k in every if k != i and k not in gone]
-        clauses = []
-        if gone:
-            least = _few(min(designed.separations[i, k] for k in gone))
-            clauses.append(
-                f"re-fitted, {_listed([designed.explanations[k] for k in gone])} leave"
-                f"{'s' * (len(gone) == 1)} {least} noise floors{' or more' * (len(gone) > 1)}"
-            )
-        if stay:
-            clauses.append(f"{_listed(stay)} can still imitate it")
-        yield f"If the cause is {_names(designed.explanations[i])}: {'; '.join(clauses)}."
-
-
-def _few(size: float) -> str:
-    """Two figures, but never a power of ten for what a person can read without."""
-    return f"{size:.2g}" if size < 99.5 else f"{size:.0f}"
+def _sentence(how: str) -> str:
+    return f"{how[:1].upper()}{how[1:]}."
 
 
 def _names(effects: Sequence[str]) -> str:
@@ -647,20 +743,6 @@ def _names(effects: Sequence[str]) -> str:
 
 def _listed(explanations: Sequence[Sequence[str]], word: str = "and") -> str:
     return listed(map(_names, explanations), word)
-
-
-def _held(plant: Plant, constants: Mapping[str, float]) -> str:
-    """Constants of a log as a person reads them."""
-    parts = []
-    for name, value in constants.items():
-        if name in plant.parameters:
-            parameter = plant.parameters[name]
-            text, unit = in_display_unit(value, parameter), display_unit(parameter)
-        else:
-            scale, unit = display(plant.wire[name])
-            text = f"{scale * value:.6g}"
-        parts.append(f"{name} = {text} {unit}".rstrip())
-    return ", ".join(parts)
 
 
 def _on_record(plant: Plant, designed: Experiment) -> str:

@@ -222,6 +222,9 @@ def _experiment(planned: Experiment) -> schema.NextExperiment:
         ],
         input=planned.wire.name,
         unit=planned.wire.unit,
+        constants=planned.plans[0].constants,
+        changed=[plan.constants for plan in planned.plans[1:]],
+        outputs=tuple(planned.floors),
         duration=planned.times[-1],
         file=planned.file or None,
     )

@@ -317,12 +317,12 @@ class Diagnosis(Parametrised, Result):
             for name in names
             if name not in logs and not any(design.is_filled(folder / name) for folder in folders)
         )
-        planned = self.next_experiments
-        if folders:
+        planned, wires = self.next_experiments, self.model.plant.wire
+        if folders and any(one.telling for one in planned):
             planned = tuple(replace(one, file=file) for one, file in zip(planned, free))
-        for experiment in planned:
-            for folder in folders:
-                experiment.write(folder)
+            for experiment in planned:
+                for folder in folders:
+                    experiment.write(folder, [wires[name] for name in experiment.floors])
         return replace(self, written=planned)
 
     def without_next(self, why: str) -> Diagnosis:

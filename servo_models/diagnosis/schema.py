@@ -269,9 +269,10 @@ class Pair(Document, frozen=True):
 
 
 class NextExperiment(Document, frozen=True):
-    """The command that best tells apart the explanations left, the likeliest first, none where only
-    one is. ``file`` is the table of the command, beside the JSON file or the report; null where
-    neither is written."""
+    """What tells apart the explanations left, none where only one is: the cheapest that decides as
+    well as any, then others that do without what it needs. ``file`` is the table of the command,
+    beside the JSON file or the report, null where neither is written; a Python file of the same
+    name plays it."""
 
     explanations: Annotated[list[Explanation], Meta(min_length=2)]
     pairs: list[Pair]
@@ -279,7 +280,13 @@ class NextExperiment(Document, frozen=True):
     input: Annotated[str, about("Input that is played.")]
     unit: str
     constants: Annotated[dict[str, float], about("Inputs and parameters [SI] that hold meanwhile.")]
-    duration: Annotated[Positive, about("Seconds.")]
+    changed: Annotated[
+        list[dict[str, float]], about("Those of further logs of the same command, one each.")
+    ]
+    outputs: Annotated[Names, about("What is logged.")]
+    decides: Annotated[Share, about("Probability expected to be left to the right one.")]
+    duration: Annotated[Positive, about("Of a log [s].")]
+    seconds: Annotated[Positive, about("That all of it takes, about.")]
     file: str | None
 
 

@@ -2,10 +2,14 @@
 
 from typing import Annotated
 
-from servo_models.core.block import Hints, Param, effect
+from servo_models.core.block import UNLOADED, Hints, Param, effect
 
 
-@effect("load", source="definition", hints=Hints(says="a constant load of {torque}", family="load"))
+@effect(
+    "load",
+    source="definition",
+    hints=Hints(says="a constant load of {torque}", family="load", bench=(UNLOADED,)),
+)
 def constant_load(
     load: float,
     torque: Annotated[

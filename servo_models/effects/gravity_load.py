@@ -3,13 +3,18 @@
 import math
 from typing import Annotated
 
-from servo_models.core.block import Hints, Param, effect
+from servo_models.core.block import UNLOADED, UPRIGHT, Hints, Param, effect
 
 
 @effect(
     "load",
     source="definition",
-    hints=Hints(says="a weight pulls with {torque} at most", family="load", phase="phase"),
+    hints=Hints(
+        says="a weight pulls with {torque} at most",
+        family="load",
+        phase="phase",
+        bench=(UNLOADED, UPRIGHT),
+    ),
 )
 def gravity_load(
     load: float,

@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from servo_models.core.block import Ambiguity, Hints, Param, effect
+from servo_models.core.block import UNLOADED, Ambiguity, Hints, Param, effect
 
 
 @effect(
@@ -16,6 +16,7 @@ from servo_models.core.block import Ambiguity, Hints, Param, effect
             ("gain_error",),
         ),
         parameter_units=("kg", "kg.m2"),
+        bench=(UNLOADED,),
     ),
 )
 def load_inertia(

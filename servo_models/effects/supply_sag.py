@@ -2,11 +2,16 @@
 
 from typing import Annotated
 
-from servo_models.core.block import Hints, Param, effect
+from servo_models.core.block import Bench, Hints, Param, effect
 
 
 @effect(
-    "signal", source="Ohm's law", hints=Hints(says="the supply has a resistance of {resistance}")
+    "signal",
+    source="Ohm's law",
+    hints=Hints(
+        says="the supply has a resistance of {resistance}",
+        bench=(Bench("feed it from a stiff supply by short, thick wires", 300.0),),
+    ),
 )
 def supply_sag(
     signal: float,

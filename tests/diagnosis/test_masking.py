@@ -182,7 +182,7 @@ def test_the_next_experiment_shows_what_was_imitated(
     told = json.loads((folder / "rig.json").read_text())
     check_schema(told)
     assert {it["name"]: it["up_to"] for it in told["masked"]} == masked(found)
-    (planned,) = found.next_experiments
+    planned, *_ = found.next_experiments
     assert planned.explanations[0] == ()
     assert not planned.rules_out((), ("gain_error",))  # another torque constant
     assert planned.rules_out((), ("drive_dead_zone",))

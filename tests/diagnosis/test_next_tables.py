@@ -39,7 +39,17 @@ def planned(description: Path) -> design.Experiment:
     names = ("transport_delay",), ("sensor_lag",)
     apart = 7.0 * (1.0 - np.eye(2))
     return design.Experiment(
-        names, np.array([0.6, 0.4]), apart, apart > 1.0, ("Play a sine.",), VOLTAGE, plan
+        names,
+        np.array([0.6, 0.4]),
+        apart,
+        apart > 1.0,
+        imitated=(),
+        decides=0.99,
+        seconds=1.0,
+        steps=("Play a sine.",),
+        wire=VOLTAGE,
+        plans=(plan, replace(plan, constants={"load_torque": 0.01, "constant_load.torque": 0.0})),
+        floors={"angle": 1e-4},
     )
 
 
@@ -61,7 +71,8 @@ def diagnosed(rig: Path, run: Run, monkeypatch: pytest.MonkeyPatch) -> Diagnosed
 @pytest.mark.thorough
 def test_the_next_experiment_is_told_and_can_be_played(diagnosed: Diagnosed, rig: Path) -> None:
     out, (told,) = diagnosed()
-    assert "Play a sine. Its table is rig_next_1.csv." in " ".join(out.split())
+    told_ = "Play a sine. The command is rig_next_1.csv; rig_next_1.py plays it."
+    assert told_ in " ".join(out.split())
     played, signals = read_signals(rig.parent / told["file"], [VOLTAGE])
     assert np.array_equal(played, planned(rig).times)
     assert np.array_equal(signals["voltage"], planned(rig).command)

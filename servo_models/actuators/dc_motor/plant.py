@@ -13,7 +13,17 @@ from servo_models.actuators.shaft import (
     shaft_contact,
     shaft_output,
 )
-from servo_models.actuators.wiring import LEARNT, input_scale, residual_curves, turning
+from servo_models.actuators.wiring import (
+    AMMETER,
+    BENCH_DRIVE,
+    CALIBRATED,
+    LEARNT,
+    LOADS,
+    input_scale,
+    residual_curves,
+    turning,
+    without,
+)
 from servo_models.core.block import Block
 from servo_models.core.catalogue import effects_on
 from servo_models.core.plant import Placement, Plant, State, Wire, internal_step, place
@@ -35,7 +45,15 @@ SCALES = (TURN, SPEED)
 
 Chain = tuple[Block | Placement, ...]
 
-LOAD = Wire("load_torque", "N.m", "load against positive motion", TORQUE, low=-1e3, high=1e3)
+LOAD = Wire(
+    "load_torque",
+    "N.m",
+    "load against positive motion",
+    TORQUE,
+    low=-1e3,
+    high=1e3,
+    bench=LOADS,
+)
 VOLTAGE = Wire("voltage", "V", "voltage on the motor", VOLTS, low=-1e3, high=1e3)
 CURRENT = Wire("current_command", "A", "commanded current", AMPERES, low=-1e3, high=1e3)
 SPEED_COMMAND = Wire(
@@ -68,7 +86,7 @@ WIRES = (
         SPEED,
         words=("velocity",),
     ),
-    Wire("current", "A", "current of the motor", AMPERES),
+    Wire("current", "A", "current of the motor", AMPERES, bench=AMMETER),
     Wire("motor_torque", "N.m", "torque of the current, at the output", TORQUE),
     Wire("friction", "N.m", "dry friction level", TORQUE),
     Wire("load", "N.m", "load torque with all its parts", TORQUE),
@@ -91,7 +109,8 @@ SHAFT: Chain = (
     shaft_output,
     place("gear_compliance", compliant_output, "angle", "rate", "load_rate"),
     motor.encoder,
-    *effects_on("encoder_angle", "sensor_lag", "sensor_nonlinearity", "sensor_offset"),
+    *effects_on("encoder_angle", "sensor_lag"),
+    *without(CALIBRATED, *effects_on("encoder_angle", "sensor_nonlinearity", "sensor_offset")),
     *effects_on("encoder_angle", "sensor_quantisation", step={"typical": ENCODER_STEP}),
     *effects_on("encoder_speed", "speed_lag", "speed_quantisation"),
 )
@@ -115,19 +134,17 @@ TORQUES: Chain = (
 
 def _drive(wire: str) -> Chain:
     """Effects of a power stage on its command, and the curves that may be of it."""
-    return (
-        *effects_on(
-            wire,
-            "transport_delay",
-            "sample_hold",
-            "command_quantisation",
-            "command_offset",
-            "drive_dead_zone",
-            "drive_saturation",
-            "rate_limit",
-        ),
-        *residual_curves(wire),
+    stage = effects_on(
+        wire,
+        "transport_delay",
+        "sample_hold",
+        "command_quantisation",
+        "command_offset",
+        "drive_dead_zone",
+        "drive_saturation",
+        "rate_limit",
     )
+    return (*without(BENCH_DRIVE, *stage), *residual_curves(wire))
 
 
 def _plant(

@@ -13,8 +13,17 @@ from servo_models.actuators.shaft import (
     shaft_contact,
     shaft_output,
 )
-from servo_models.actuators.wiring import LEARNT, input_scale, outside_sensor, residual_curves
-from servo_models.core.block import Block
+from servo_models.actuators.wiring import (
+    GYRO,
+    LEARNT,
+    LOADS,
+    TRACKED,
+    WEAK_SUPPLY,
+    input_scale,
+    outside_sensor,
+    residual_curves,
+)
+from servo_models.core.block import Bench, Block
 from servo_models.core.catalogue import effects_on
 from servo_models.core.plant import Placement, Plant, State, Wire, internal_step, place
 from servo_models.effects.gear_compliance import compliant_load, compliant_output, resonance_step
@@ -26,22 +35,39 @@ PAPER_RATE = 0.5  # rad/s, speed of the servo with the printed values of the pap
 
 COMPLIANCE = {"unit": "rad/(N.m)", "high": 1.0, "typical": 0.2}
 
+WIPER = (Bench("solder a wire to the wiper of the potentiometer", 900.0, 0.005),)
+TERMINALS_OF_MOTOR = (Bench("solder wires to the terminals of the motor", 900.0, 0.01),)
 INPUTS = (
     Wire("pulse_width", "s", "command pulse", 1e-3, servo.REST_PULSE, 0.0, 5e-3, display="us"),
-    Wire("load_torque", "N.m", "load against positive motion", scale=0.18, low=-10.0, high=10.0),
-    Wire("supply_voltage", "V", "supply", scale=5.0, rest=5.0, low=0.0, high=30.0),
+    Wire(
+        "load_torque",
+        "N.m",
+        "load against positive motion",
+        0.18,
+        low=-10.0,
+        high=10.0,
+        bench=LOADS,
+    ),
+    Wire("supply_voltage", "V", "supply", 5.0, rest=5.0, low=0.0, high=30.0, bench=WEAK_SUPPLY),
 )
 WIRES = (
     Wire("angle", "rad", "angle of the output, 0 at 1.5 ms", scale=HALF_RANGE, display="deg"),
     Wire("rate", "rad/s", "rate of the output", scale=RATE, display="deg/s"),
     Wire("command_voltage", "V", "voltage of the command", scale=0.6, rest=0.375),
     Wire("command_angle", "rad", "angle that is asked for", scale=HALF_RANGE, display="deg"),
-    Wire("feedback_voltage", "V", "voltage of the potentiometer", scale=6.0, rest=3.75),
-    Wire("motor_voltage", "V", "voltage on the motor", scale=5.0),
+    Wire("feedback_voltage", "V", "voltage of the potentiometer", 6.0, rest=3.75, bench=WIPER),
+    Wire("motor_voltage", "V", "voltage on the motor", scale=5.0, bench=TERMINALS_OF_MOTOR),
     Wire("loaded_voltage", "V", "motor voltage left after the load", scale=5.0),
     Wire("motor_speed", "rad/s", "speed of the motor", scale=670.0),
-    Wire("angle_reading", "rad", "angle as tracked from outside", scale=HALF_RANGE, display="deg"),
-    Wire("rate_reading", "rad/s", "rate as read by a gyro", scale=RATE, display="deg/s"),
+    Wire(
+        "angle_reading",
+        "rad",
+        "angle as tracked from outside",
+        scale=HALF_RANGE,
+        display="deg",
+        bench=TRACKED,
+    ),
+    Wire("rate_reading", "rad/s", "rate as read by a gyro", RATE, display="deg/s", bench=GYRO),
     Wire("saturated", "1", "amplifier at its supply or motor at its top speed", flag=True),
     Wire("supply", "V", "supply under load", scale=5.0, rest=5.0),
     Wire("friction", "N.m", "dry friction level", scale=0.18),

@@ -21,7 +21,16 @@ from servo_models.actuators.shaft import (
     shaft_output,
 )
 from servo_models.actuators.smart_servo import physics as servo
-from servo_models.actuators.wiring import LEARNT, input_scale, residual_curves, turning
+from servo_models.actuators.wiring import (
+    LEARNT,
+    LOADS,
+    REPORTED,
+    TRACKED,
+    WEAK_SUPPLY,
+    input_scale,
+    residual_curves,
+    turning,
+)
 from servo_models.core.block import Block
 from servo_models.core.catalogue import effects_on
 from servo_models.core.plant import Placement, Plant, Wire, internal_step, place
@@ -48,18 +57,35 @@ CURRENT_LIMIT = replace(saturation.params["limit"], typical=0.3, high=10.0)
 INPUTS = (
     Wire("goal", "rad", "goal angle", low=-50.0, high=50.0, display="deg"),
     Wire("enabled", "1", "1 motor on, 0 off", rest=1.0, low=0.0, high=1.0, flag=True),
-    Wire("supply", "V", "supply", scale=XL330_VOLTS, rest=XL330_VOLTS, low=0.0, high=30.0),
-    Wire("load_torque", "N.m", "load against positive motion", scale=0.5, low=-20.0, high=20.0),
+    Wire(
+        "supply",
+        "V",
+        "supply",
+        XL330_VOLTS,
+        rest=XL330_VOLTS,
+        low=0.0,
+        high=30.0,
+        bench=WEAK_SUPPLY,
+    ),
+    Wire(
+        "load_torque",
+        "N.m",
+        "load against positive motion",
+        0.5,
+        low=-20.0,
+        high=20.0,
+        bench=LOADS,
+    ),
 )
 WIRES = (
-    Wire("angle", "rad", "angle of the output", display="deg"),
+    Wire("angle", "rad", "angle of the output", display="deg", bench=TRACKED),
     Wire("rate", "rad/s", "rate of the output", scale=10.0, display="deg/s"),
-    Wire("angle_reading", "rad", "angle as read by the encoder", display="deg"),
+    Wire("angle_reading", "rad", "angle as read by the encoder", display="deg", bench=REPORTED),
     Wire("error", "rad", "error of the position loop", display="deg"),
-    Wire("duty", "1", "part of the supply on the motor"),
+    Wire("duty", "1", "part of the supply on the motor", bench=REPORTED),
     Wire("bridge_supply", "V", "supply of the bridge under load", XL330_VOLTS, XL330_VOLTS),
     Wire("motor_voltage", "V", "mean voltage on the motor", scale=XL330_VOLTS),
-    Wire("current", "A", "current of the motor", scale=1.5),
+    Wire("current", "A", "current of the motor", scale=1.5, bench=REPORTED),
     Wire("friction", "N.m", "dry friction level", scale=0.5),
     Wire("load", "N.m", "load torque with all its parts", scale=0.5),
     Wire("load_rate", "rad/s", "rate behind the compliance", scale=10.0),

@@ -17,7 +17,16 @@ from servo_models.actuators.shaft import (
     shaft_output,
 )
 from servo_models.actuators.torque_motor import physics as motor
-from servo_models.actuators.wiring import LEARNT, input_scale, residual_curves
+from servo_models.actuators.wiring import (
+    AMMETER,
+    BENCH_DRIVE,
+    CALIBRATED,
+    LEARNT,
+    LOADS,
+    input_scale,
+    residual_curves,
+    without,
+)
 from servo_models.core.catalogue import effects_on
 from servo_models.core.plant import Plant, State, Wire, internal_step, place
 from servo_models.effects.gear_compliance import compliant_load, compliant_output, resonance_step
@@ -33,7 +42,13 @@ PLANT = Plant(
     inputs=(
         Wire("voltage", "V", "coil voltage", scale=50.0, low=-200.0, high=200.0),
         Wire(
-            "load_torque", "N.m", "flow force against positive motion", 0.06, low=-10.0, high=10.0
+            "load_torque",
+            "N.m",
+            "flow force against positive motion",
+            0.06,
+            low=-10.0,
+            high=10.0,
+            bench=LOADS,
         ),
     ),
     wires=(
@@ -71,19 +86,21 @@ PLANT = Plant(
             time={"high": 0.02, "typical": 0.0011},
             period={"high": 0.02, "typical": 0.001},
         ),
-        *effects_on(
-            "voltage",
-            "dead_band",
-            "command_quantisation",
-            "gain_error",
-            "voltage_offset",
-            "direction_asymmetry",
-            "drive_dead_zone",
-            "drive_saturation",
-            "rate_limit",
-            "thermal_drift",
-            "stiction",
+        *without(
+            BENCH_DRIVE,
+            *effects_on(
+                "voltage",
+                "dead_band",
+                "command_quantisation",
+                "gain_error",
+                "voltage_offset",
+                "direction_asymmetry",
+                "drive_dead_zone",
+                "drive_saturation",
+                "rate_limit",
+            ),
         ),
+        *effects_on("voltage", "thermal_drift", "stiction"),
         *residual_curves("voltage"),
         place("residual_map", residual_drive, "voltage"),
         motor.supply_load,
@@ -124,13 +141,16 @@ PLANT = Plant(
         shaft_acceleration,
         motor.stop_flag,
         *effects_on(("angle", "rate"), "backlash"),
-        *effects_on(
-            "angle", "sensor_lag", "sensor_nonlinearity", "sensor_offset", "sensor_quantisation"
-        ),
+        *effects_on("angle", "sensor_lag"),
+        *without(CALIBRATED, *effects_on("angle", "sensor_nonlinearity", "sensor_offset")),
+        *effects_on("angle", "sensor_quantisation"),
         place("residual_map", residual_reading, "angle"),
     ),
     states=(
-        State(Wire("current", "A", "coil current", scale=0.011, display="mA"), "current_rate"),
+        State(
+            Wire("current", "A", "coil current", scale=0.011, display="mA", bench=AMMETER),
+            "current_rate",
+        ),
         State(
             Wire("shaft_angle", "rad", "angle of the rotor", scale=STOP, display="deg"),
             "shaft_speed",

@@ -352,18 +352,18 @@ def _parameters(diagnosis: Diagnosis) -> Section:
 
 def _next(diagnosis: Diagnosis) -> Section:
     planned = diagnosis.next_experiments
-    unwritten = not all(one.file for one in planned)
+    unwritten = any(one.telling and not one.file for one in planned)
     return Section(
         NEXT,
-        "The command inside the actuator's limits that best tells apart the explanations left,"
-        " likely ones above all, their parameters re-fitted to imitate one another. Log it and"
-        " diagnose it with the old logs.",
+        "The cheapest that decides as well as any: a command inside the actuator's limits, what can"
+        " be set meanwhile, and what else can be measured. Diagnose its logs with the old ones.",
         items=(
-            *(step for one in planned for step in one.instructions),
-            *(("--json or --report writes the table to play.",) if unwritten else ()),
+            *(step for one in planned[:1] for step in one.instructions),
+            *(f"Or else: {' '.join(one.instructions)}" for one in planned[1:]),
+            *(("--json or --report writes the files to play.",) if unwritten else ()),
             *filter(None, [diagnosis.repeats_wanted]),
         ),
-        pictures=tuple(pictures.experiment(diagnosis, one) for one in planned),
+        pictures=tuple(pictures.experiment(diagnosis, one) for one in planned[:1]),
         folded=True,
     )
 

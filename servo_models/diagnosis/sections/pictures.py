@@ -310,7 +310,7 @@ def estimates(diagnosis: Diagnosis) -> Iterator[Picture]:
 def experiment(diagnosis: Diagnosis, one: Experiment) -> Picture:
     """Return a command, each output as the likeliest explanations predict it, and by how much the
     others differ from the likeliest."""
-    rows = 2 + len(diagnosis.floors)
+    rows = 2 + len(one.floors)
     return Picture(
         " or ".join(tables.together(effects) for effects in one.explanations),
         partial(_draw_experiment, diagnosis, one),
@@ -326,20 +326,21 @@ def _draw_experiment(diagnosis: Diagnosis, one: Experiment, axes: Sequence[Axes]
     rivals = {it.effects: it for it in diagnosis.undecided}
     likeliest = [rivals[effects] for effects in one.explanations[: len(EXPLANATIONS)]]
     names = [tables.together(it.effects) for it in likeliest]
-    told = [played(it, one.plan).responses(it.evidence.vector)[0] for it in likeliest]
+    *_, plan = one.plans
+    told = [played(it, [plan], one.floors).responses(it.evidence.vector)[0] for it in likeliest]
     command, *predicted, difference = axes
     scale, unit = display(one.wire)
     thin = curves.envelope(one.times, scale * one.command, curves.BUCKETS)
     command.plot(*thin, color=colour("ink"), lw=0.9)
     command.set_ylabel(axis_label(one.wire.name, unit), parse_math=False)
-    for output, panel in zip(diagnosis.floors, predicted):
+    for output, panel in zip(one.floors, predicted):
         scale, unit = display(diagnosis.model.plant.wire[output])
         for name, values, style in zip(names, told, EXPLANATIONS):
             curves.draw_curve(panel, one.times, scale * values[output], name, style)
         panel.set_ylabel(axis_label(output, unit), parse_math=False)
     differences = [
         (f"{output}, {name}", (values[output] - told[0][output]) / floor)
-        for output, floor in diagnosis.floors.items()
+        for output, floor in one.floors.items()
         for name, values in zip(names[1:], told[1:])
     ]
     for (label, apart), series in zip(differences, SERIES * len(differences)):

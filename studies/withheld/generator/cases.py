@@ -15,7 +15,9 @@ that is not there, so that the noise tells nothing.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +37,7 @@ from studies.withheld.generator.faults import (
     logged,
     with_glitches,
 )
-from studies.withheld.generator.rigs import RIGS, Rig
+from studies.withheld.generator.rigs import LOAD, RIGS, Rig
 from studies.withheld.generator.simulation import Experiment, Plan
 
 EASY, HARD, POOR, ROUGH = TIERS = ("easy", "hard", "poor", "rough")
@@ -96,7 +98,8 @@ class Case:
     """All that is true of a case, and its logs with and without noise [SI].
 
     ``stamps`` are those of the logged rows, in periods of their plan; ``command_step`` is that in
-    which commands are logged [SI], 0 for none.
+    which commands are logged [SI], 0 for none.  ``constants`` were set for its logs [SI], by the
+    product's names; ``further`` are logs of the same rig under other conditions.
     """
 
     tier: str
@@ -112,6 +115,8 @@ class Case:
     stamps: tuple[Array, ...] = field(repr=False)
     faults: tuple[str, ...] = ()
     command_step: float = 0.0
+    constants: Mapping[str, float] = field(default_factory=dict)
+    further: tuple[Case, ...] = ()
 
 
 def kind_of(seed: int, number: int) -> str:
@@ -172,33 +177,56 @@ def draw_case(seed: int, number: int, tier: str) -> Case:
     )
 
 
-def with_log(case: Case, command: Array, rng: np.random.Generator) -> Case:
+def with_log(
+    case: Case,
+    command: Array,
+    rng: np.random.Generator,
+    constants: Mapping[str, float] = MappingProxyType({}),
+    signals: Sequence[str] = (),
+) -> Case:
     """The same rig, its sensors and their noise with one more log, sampled as the first one.
 
     Args:
         case: a case.
         command: SI, one value per row, shape (n,); it is played as its log can print it.
         rng: of the noise.
+        constants: what is set for it [SI], by the product's names: a load, a supply, or 0 for the
+            size of an effect that is taken away.
+        signals: what is logged beside the readings of the case, with noise as large for its range.
 
-    Its load is that of the last log, again from the beginning where that is over.  Its
-    recording has no faults.
+    A load that is not set is that of the last log, again from the beginning where that is over.
+    Its recording has no faults.
     """
-    before = case.experiment
-    plan = _plan(before.rig, before.plans[0].stride, command - before.rig.rest)
-    if before.varied:
+    before, rig = case.experiment, case.experiment.rig
+    plan = _plan(rig, before.plans[0].stride, command - rig.rest)
+    if before.varied and LOAD.name not in constants:
         plan = replace(plan, load=np.resize(before.plans[-1].shares, len(command)))
-    causes = _settings(before, *case.acting, *case.hidden)
-    alone = replace(before, plans=(plan,), seed=before.seed + len(before.plans))
-    (noise_free,) = alone.logs(causes)
-    noises = case.noise * before.ranges / before.ranges[0]
-    log = _measured(noise_free, noises, case.tier == HARD, case.quantum, rng)
-    return replace(
-        case,
-        experiment=replace(before, plans=(*before.plans, plan)),
-        noise_free=(*case.noise_free, noise_free),
-        logs=(*case.logs, log),
-        stamps=(*case.stamps, _stamps(plan, (), rng)),
+    places = {signal.name: place for signal, place in (*rig.readings, *rig.further)}
+    readings = (*before.readings, *(places[name] for name in signals))
+    alone = replace(
+        before,
+        plans=(plan,),
+        seed=before.seed + len(before.plans) + len(case.further),
+        load=constants.get(LOAD.name, before.load),
+        true={**before.true, **constants},
+        readings=readings,
     )
+    absent = {name.partition(".")[0] for name in constants}
+    causes = (it for it in (*case.acting, *case.hidden) if it.name not in absent)
+    (noise_free,) = alone.logs(_settings(alone, *causes))
+    ranges = replace(before, readings=readings).ranges
+    noises = case.noise * ranges / ranges[0]
+    log = _measured(noise_free, noises, case.tier == HARD, case.quantum, rng)
+    one = replace(
+        case,
+        experiment=alone,
+        noise_free=(noise_free,),
+        logs=(log,),
+        stamps=(_stamps(plan, (), rng),),
+        constants=constants,
+        further=(),
+    )
+    return replace(case, further=(*case.further, one))
 
 
 def another_command(case: Case, rows: int, rng: np.random.Generator) -> Array:

@@ -222,7 +222,7 @@ SG90: tuple[Cause, ...] = (
     _one("drive_dead_zone", "half_width", "drive.dead_zone", 0.01, 1.0, "drive"),
     _one("drive_saturation", "limit", "drive.ceiling", 4.8, 1.2, "drive"),
     _one("supply_sag", "resistance", "drive.sag", 0.2, 30.0, "source"),
-    _one("thermal_drift", "loss", "drive.heating", 0.03, 0.5, shape=_WARM),
+    _one("thermal_drift", "loss", "drive.heating", 0.03, 0.5, "heat", _WARM),
 )
 
 _SLIP = Quantity("jump", "command.slip_jump", 0.1, 0.9)
@@ -282,7 +282,7 @@ SMART_SERVO: tuple[Cause, ...] = (
     _one("drive_saturation", "limit", "drive.ceiling", 0.95, 0.15),
     _one("drive_dead_zone", "half_width", "drive.dead_zone", 0.02, 1.4),
     _one("current_limit", "limit", "motor.current_limit", 1.3, 0.15),
-    _one("thermal_drift", "loss", "drive.heating", 0.03, 0.5, shape=_WARM),
+    _one("thermal_drift", "loss", "drive.heating", 0.03, 0.5, "heat", _WARM),
     _signed("constant_load", "torque", "load.constant", 5e-3, 0.5),
     _gravity(5e-3, 0.5),
     _one("viscous_friction", "torque", "load.drag", 0.02, 2.5, "drag"),

@@ -15,7 +15,7 @@ import hashlib
 import json
 import math
 import tempfile
-from collections.abc import Callable, Container, Sequence
+from collections.abc import Callable, Container, Iterator, Sequence
 from itertools import count, islice
 from pathlib import Path
 from typing import Any
@@ -69,12 +69,12 @@ def generate(
 
 def write_case(folder: Path, name: str, case: Case) -> dict[str, Any]:
     """Write one case; returns its answer."""
-    count = len(case.logs)
-    logs = ["log.csv"] if count == 1 else [f"log_{i + 1}.csv" for i in range(count)]
-    written = {f"cases/{name}/description.toml": _description(case, logs)}
-    for i, log in enumerate(logs):
-        written[f"cases/{name}/{log}"] = _csv(case, i, case.logs[i], DIGITS)
-        written[f"truth/{name}/{log}"] = _csv(case, i, case.noise_free[i], 2 * DIGITS)
+    played = [(one, i) for one in (case, *case.further) for i in range(len(one.logs))]
+    logs = [f"log_{k}.csv" for k in range(1, len(played) + 1)] if len(played) > 1 else ["log.csv"]
+    written = {f"cases/{name}/description.toml": _description(played, logs)}
+    for (one, i), log in zip(played, logs):
+        written[f"cases/{name}/{log}"] = _csv(one, i, one.logs[i], DIGITS)
+        written[f"truth/{name}/{log}"] = _csv(one, i, one.noise_free[i], 2 * DIGITS)
     for path, content in written.items():
         (folder / path).parent.mkdir(parents=True, exist_ok=True)
         (folder / path).write_bytes(content)
@@ -105,23 +105,33 @@ def _effect(acting: Acting, rig: Rig) -> dict[str, Any]:
 
 def _signals(case: Case) -> list[Signal]:
     """What is logged, the judged reading first."""
-    known = {place: signal for signal, place in case.experiment.rig.readings}
+    rig = case.experiment.rig
+    known = {place: signal for signal, place in (*rig.readings, *rig.further)}
     return [known[place] for place in case.experiment.readings]
 
 
-def _description(case: Case, names: Sequence[str]) -> bytes:
-    rig, load = case.experiment.rig, case.experiment.load
-    lines = [
-        TIME,
-        _column("inputs", rig.command),
-        *([_column("inputs", LOAD)] if case.experiment.varied else []),
-        *(_column("outputs", signal) for signal in _signals(case)),
-        f'settle = "{rig.settle:g} s"',
-    ]
-    if load and not case.experiment.varied:
-        lines.append(f"constants = {{ load_torque = {load!r} }}")
-    logs = ([f'file = "{name}"', *lines] for name in names)
+def _description(played: Sequence[tuple[Case, int]], names: Sequence[str]) -> bytes:
+    rig = played[0][0].experiment.rig
+    logs = ([f'file = "{name}"', *_lines(case)] for (case, _), name in zip(played, names))
     return f"# {rig.about}\n{description(rig.actuator, rig.variant, rig.spread, logs)}".encode()
+
+
+def _lines(case: Case) -> Iterator[str]:
+    """What the description says of a log, but for its file."""
+    e = case.experiment
+    yield TIME
+    yield _column("inputs", e.rig.command)
+    if e.varied:
+        yield _column("inputs", LOAD)
+    for signal in _signals(case):
+        yield _column("outputs", signal)
+    yield f'settle = "{e.rig.settle:g} s"'
+    held = dict(case.constants)
+    if e.load and not e.varied:
+        held[LOAD.name] = e.load
+    if held:
+        values = (f"{json.dumps(it) if '.' in it else it} = {held[it]!r}" for it in held)
+        yield f"constants = {{ {', '.join(values)} }}"
 
 
 def _column(kind: str, signal: Signal) -> str:

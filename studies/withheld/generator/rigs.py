@@ -49,7 +49,8 @@ class Rig:
         load: range of the load torque [N m], known to the description, or with a column of it.
         strength: from true values to the load torque [N m] that the rig can hold.
         readings: what is logged always, then what may be logged as well: signal and place
-            (0 angle, 1 drive or current, 2 feedback or encoder, 3 rate).
+            (0 angle, 1 drive or current, 2 feedback or encoder, 3 rate, 4 current under a duty).
+        further: what may be logged beside these in a log that is asked for.
         fastest, slowest: time constants of the nominal rig [s].
         step: of the simulation [s]; ``sampling`` in these steps.
         settle: time [s] for which the rig is held at rest before a log begins.
@@ -78,6 +79,7 @@ class Rig:
     settle: float
     chirp: tuple[float, float]
     integrators: int = 0
+    further: tuple[tuple[Signal, int], ...] = ()
 
 
 LOAD = Signal("load_torque", "N.m", 1.0)  # a load that changes, as logged
@@ -96,8 +98,9 @@ SERVO = {
 
 def servo_constants(true: Values) -> dict[str, float]:
     """Natural frequency [rad/s], decay [1/s] and top speed [rad/s] of the loop."""
-    lag, top = true["motor_time_constant"], true["motor_gain"] * SUPPLY / GEAR
-    band = SUPPLY / (true["amplifier_gain"] * K_F * true["potentiometer_gain"])
+    supply = true.get("supply_voltage", SUPPLY)
+    lag, top = true["motor_time_constant"], true["motor_gain"] * supply / GEAR
+    band = supply / (true["amplifier_gain"] * K_F * true["potentiometer_gain"])
     natural = math.sqrt(top / (band * lag))
     return {
         "loop.kind": ANGLE_LOOP,
@@ -106,9 +109,9 @@ def servo_constants(true: Values) -> dict[str, float]:
         "shaft.decay": 1.0 / lag,
         "loop.top_speed": top,
         "loop.rest": REST * VOLTS_PER_SECOND / (K_F * true["potentiometer_gain"]),
-        "loop.drive_per_load": STALL_VOLTAGE / STALL_TORQUE / SUPPLY,
+        "loop.drive_per_load": STALL_VOLTAGE / STALL_TORQUE / supply,
         "feedback.full_scale": 6.0 / true["potentiometer_gain"],
-        "reading.drive_unit": SUPPLY,
+        "reading.drive_unit": supply,
         "reading.feedback_unit": true["potentiometer_gain"],
         "command.scale": VOLTS_PER_SECOND / (K_F * true["potentiometer_gain"]),
         "command.delay": true["transport_delay.time"],
@@ -120,11 +123,13 @@ def servo_constants(true: Values) -> dict[str, float]:
 
 def servo_units(true: Values) -> dict[str, float]:
     """An angle per volt of command and of feedback, shares of the drive per volt, and so on."""
+    supply = true.get("supply_voltage", SUPPLY)
     return {
         "1": 1.0,
         "command": 1.0 / (K_F * true["potentiometer_gain"]),
         "feedback": 1.0 / true["potentiometer_gain"],
-        "drive": 1.0 / SUPPLY,
+        "drive": 1.0 / supply,
+        "heat": (supply / SUPPLY) ** 2,
         "drag": 1.0 / NO_LOAD,
         "speed": NO_LOAD,
         "source": 1.0 / ARMATURE,
@@ -184,7 +189,7 @@ def bus_constants(true: Values) -> dict[str, float]:
         "shaft.inertia": true["inertia"],
         "motor.torque_per_current": true["torque_constant"],
         "motor.resistance": true["resistance"],
-        "loop.supply": BUS_VOLTS,
+        "loop.supply": true.get("supply", BUS_VOLTS),
         "loop.duty_per_angle": BUS_GAIN * true["loop_factor"],
         "loop.tick": float(round(BUS_TICK / BUS_STEP)),
         "feedback.step": CODE,
@@ -196,7 +201,8 @@ def bus_constants(true: Values) -> dict[str, float]:
 
 def bus_units(true: Values) -> dict[str, float]:
     """All in SI; drag and speed per full speed."""
-    return {"1": 1.0, "drag": 1.0 / 10.0, "speed": 10.0}
+    supply = true.get("supply", BUS_VOLTS)
+    return {"1": 1.0, "drag": 1.0 / 10.0, "speed": 10.0, "heat": (supply / BUS_VOLTS) ** 2}
 
 
 PULSE_REST, PULSE_SPEED, PULSE_STALL, PULSE_ACCELERATION = 1.5e-3, math.pi / 3.0 / 0.12, 0.18, 300.0
@@ -397,6 +403,7 @@ RIGS = (
         sampling=(10, 12, 16),
         settle=0.4,
         chirp=(5.0, 9.0),
+        further=((Signal("rate_reading", "rad/s", 1.0), 3),),
     ),
     Rig(
         actuator="torque_motor",
@@ -452,6 +459,10 @@ RIGS = (
         sampling=(24, 30, 34),
         settle=1.0,
         chirp=(2.0, 4.0),
+        further=(
+            (Signal("angle_reading", "deg", DEGREE), 2),
+            (Signal("current", "mA", 1e-3), 4),
+        ),
     ),
     Rig(
         actuator="second_order_servo",
@@ -484,6 +495,7 @@ RIGS = (
         sampling=(10, 12, 16),
         settle=1.0,
         chirp=(3.0, 6.0),
+        further=((Signal("feedback", "deg", DEGREE), 2),),
     ),
     Rig(
         actuator="dc_motor_speed",

@@ -321,11 +321,12 @@ Q, W, LOAD_Q, LOAD_W, PLAY, ELECTRIC, MODE, MODE_RATE, BOUC, INTEGRAL, FAR_Q, FA
 current that makes it), the drive's resonance, Bouc-Wen's variable, integral part of a loop, angle
 and speed of the coasting mass."""
 STATES = 12
-ANGLE, DRIVE, FEEDBACK, RATE, ASKED, BENT, PRESS, HEAT = range(STATES, STATES + 8)
-"""Beside the rates: output angle, drive or current, feedback, rate of the output, drive that a
-loop with a clock asks for, what the hysteresis reads, load on the gears, what heats."""
-WIDTH = STATES + 8
-SEEN = 4  # the first of these, which may be logged
+ANGLE, DRIVE, FEEDBACK, RATE, AMPERES, ASKED, BENT, PRESS, HEAT = range(STATES, STATES + 9)
+"""Beside the rates: output angle, drive or current, feedback, rate of the output, current under a
+duty, drive that a loop with a clock asks for, what the hysteresis reads, load on the gears, what
+heats."""
+WIDTH = STATES + 9
+SEEN = 5  # the first of these, which may be logged
 COMMAND, GAIN, STICKING, TORQUE = range(4)
 BRISTLE, FRICTION, WARMTH, LAST, MAGNET, HELD = range(6)
 MEMORY = 6
@@ -424,6 +425,7 @@ def firmware_torque(x: Array, m: Array, s: Settings, acts: Array, load: float, d
     current = (voltage - s.motor.torque_per_current * x[W]) / s.motor.resistance
     regime = 10 * side(current, s.motor.current_limit)
     current = clip(current, s.motor.current_limit)
+    d[AMPERES] = current
     d[W] += s.motor.torque_per_current * current * kinked(d[ANGLE], s) - load
     return regime
 
@@ -654,8 +656,8 @@ def run(s: Settings, acts: Array, h: float, seen: Array) -> None:
     Args:
         s: of the rig and of what acts on it.
         acts: shape (n, 4), see ``rates``; each row is held for the step h [s] that follows.
-        seen: written: angle, drive or current, feedback, and rate before each step and before what
-            acts in it, shape (n, 4).
+        seen: written: angle, drive or current, feedback, rate, and current under a duty before each
+            step and before what acts in it, shape (n, SEEN).
     """
     x, y = np.zeros(STATES), np.zeros(STATES)
     d, k = np.zeros(WIDTH), np.zeros(WIDTH)
