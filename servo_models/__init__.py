@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from servo_models.build import build
     from servo_models.core.block import (
         Ambiguity,
+        Bench,
         Clock,
         DeadTime,
         Fault,
@@ -73,6 +74,7 @@ __all__ = [
     "Actuator",
     "Against",
     "Ambiguity",
+    "Bench",
     "Clock",
     "DeadTime",
     "Description",

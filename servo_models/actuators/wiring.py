@@ -23,7 +23,7 @@ LOADS = (
     Bench(f"{WEIGHT} with positive motion", 180.0, -0.25),
 )
 """Loads of a shaft that a person can set."""
-CALIBRATED = Bench("calibrate the sensor of the angle in a jig", 600.0)
+CALIBRATED = Bench("calibrate the sensor of the output in a jig", 600.0)
 BENCH_DRIVE = Bench("drive it from a laboratory amplifier whose output you have measured", 900.0)
 WEAK_SUPPLY = (Bench("lower the supply", 60.0, 0.7),)
 TRACKED = (Bench("track the angle of the output from outside", 900.0, 0.002),)

@@ -691,29 +691,21 @@ def _residual_after_refit(rival: FittedModel, problem: Problem, known: Array) ->
 def _steps(designer: ExperimentDesigner, action: Action, designed: Experiment) -> Iterator[str]:
     names, (plan, *changed) = designed.explanations, designed.plans
     if designed.telling:
-        before = [_sentence(it.how) for it in action.needs if it.measures]
-        yield " ".join([*before, _command(designer, action, designed)])
+        before = [f"{it.how[0].upper()}{it.how[1:]}." for it in action.needs if it.measures]
+        after = [f"Then {it.how} and play it again." for it in action.needs if not it.measures]
+        yield " ".join([*before, _command(designer, action, designed), *after])
         if plan.settle:
-            yield f"Hold its first value for {in_time(plan.settle)} before the log begins."
+            yield f"Hold its first value for {in_time(plan.settle)} before a log begins."
         if plan.constants:
             yield f"Meanwhile, as in log '{plan.name}', {constants_of(plan)}."
-        for one, other in zip((it for it in action.needs if not it.measures), changed):
-            yield (
-                f"{_sentence(one.how)} Play it again: in the description this log has"
-                f" {constants_of(other)}."
-            )
+        for number, other in enumerate(changed, 2):
+            yield f"In the description, log {number} has {constants_of(other)}."
         yield (
             f"Expected to leave {designed.decides:.0%} to the right one of {_listed(names)};"
             f" the likeliest has {designed.weights.max():.0%} now. Takes about"
-            f" {in_time(designed.seconds)}."
+            f" {math.ceil(designed.seconds / 60.0)} min."
         )
-        for i, name in enumerate(names):
-            others = [names[k] for j, k in designed.imitated if j == i]
-            if others:
-                yield (
-                    f"If it is {_names(name)}, nothing rules out {_listed(others, 'or')}: that"
-                    " choice makes no difference to these outputs."
-                )
+        yield from _alike(designed)
     else:
         yield (
             f"Nothing that can be played, set or measured tells {_listed(names, 'or')} apart: which"
@@ -733,8 +725,17 @@ def _command(designer: ExperimentDesigner, action: Action, designed: Experiment)
     )
 
 
-def _sentence(how: str) -> str:
-    return f"{how[:1].upper()}{how[1:]}."
+def _alike(designed: Experiment) -> Iterator[str]:
+    """What cannot be told apart, whatever is done."""
+    names, pairs = designed.explanations, {*designed.imitated}
+    for i, k in designed.imitated:
+        if (k, i) not in pairs:
+            begin = f"If it is {_names(names[i])}, nothing rules out {_names(names[k])}"
+        elif i < k:
+            begin = f"Nothing tells {_listed([names[i], names[k]], 'or')} apart"
+        else:
+            continue
+        yield f"{begin}: that choice makes no difference to these outputs."
 
 
 def _names(effects: Sequence[str]) -> str:

@@ -10,7 +10,7 @@ from servo_models.core.plant import Wire
 from servo_models.data.log import Log
 from servo_models.data.tables import header
 
-TEXT = '''"""Play {table} and log it: fill in send and read, then run this with the name of the log.
+TEXT = '''"""Play {table}: fill in send and read, then run this with the name of the log.
 
 {entries}
 """

@@ -100,7 +100,7 @@ def test_the_supply_is_asked_for_where_only_the_supply_tells() -> None:
     assert found.decides > 0.99
     assert found.imitated == ()
     assert found.seconds > LOWERED.seconds
-    assert "Lower the supply. Play it again" in found.text
+    assert "Then lower the supply and play it again." in found.steps[0]
     # 5 (1 + e) and 3.5 (1 + e) together miss 5.2 and 3.7 by least squares, each in half of the time
     gain = (5.0 * 5.2 + 3.5 * 3.7) / (5.0**2 + 3.5**2)
     missed = np.hypot(5.2 - 5.0 * gain, 3.7 - 3.5 * gain)
