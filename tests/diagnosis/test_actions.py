@@ -14,7 +14,7 @@ from servo_models.core.plant import Actuator, Plant, State, Variant, Wire, inter
 from servo_models.core.simulate import Model, model
 from servo_models.data.description import read_description
 from servo_models.diagnosis.design import Experiment, next_experiments
-from servo_models.diagnosis.play_script import script
+from servo_models.diagnosis.design.play_script import script
 from servo_models.diagnosis.search.fitting import FittedModel, Fitter
 from servo_models.effects.gain_error import gain_error
 from servo_models.effects.offset import offset

@@ -21,13 +21,13 @@ from servo_models.data.log import Log
 from servo_models.data.sensor import REPEATS, RESIDUAL
 from servo_models.data.tables import read_inputs
 from servo_models.diagnosis import design
-from servo_models.diagnosis.commands import FAMILIES, Command
 from servo_models.diagnosis.design import (
     Experiment,
     ExperimentDesigner,
     next_experiments,
     repeats_wanted,
 )
+from servo_models.diagnosis.design.commands import FAMILIES, Command
 from servo_models.diagnosis.search.fitting import FittedModel, Fitter
 from servo_models.diagnosis.search.grid_search import shortened
 from servo_models.diagnosis.search.residuals import Residuals

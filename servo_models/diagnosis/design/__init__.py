@@ -36,8 +36,8 @@ from servo_models.core.types import Array, Mask
 from servo_models.data.log import Log
 from servo_models.data.sensor import REPEATS, difference_noise, spread_of_repeats
 from servo_models.data.tables import write_signals
-from servo_models.diagnosis.commands import FAMILIES, Command
-from servo_models.diagnosis.play_script import constants_of, script, script_of
+from servo_models.diagnosis.design.commands import FAMILIES, Command
+from servo_models.diagnosis.design.play_script import constants_of, script, script_of
 from servo_models.diagnosis.search.crossval import dispersion
 from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.diagnosis.search.residuals import Residuals, sure
