@@ -22,13 +22,12 @@ import math
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
-from itertools import combinations, permutations
+from itertools import permutations
 from pathlib import Path
 
 import numpy as np
 
 from servo_models.analysis.experiment import in_time
-from servo_models.analysis.isolability import cause, experiment
 from servo_models.analysis.statistics import rms
 from servo_models.core.block import Bench
 from servo_models.core.plant import Plant, Wire
@@ -428,12 +427,13 @@ class ExperimentDesigner:
             self.weights @ (self.weights / (np.exp(-self.lost(separations)) @ self.weights))
         )
 
-    def imitated(self) -> list[tuple[int, int]]:
-        """Return the pairs (i, k) in which rival k can imitate i whatever is done."""
+    @cached_property
+    def imitated(self) -> tuple[tuple[int, int], ...]:
+        """The pairs (i, k) in which rival k can imitate i whatever is done."""
         needs = (*self.conditions[1:], *self.measures)
         every = self._all(partial(self.separations, needs=needs), self.commands)
         never = ~np.any([self.told(one) for one in every.values()], axis=0)
-        return [(i, k) for i, k in permutations(range(len(never)), 2) if never[i, k]]
+        return tuple((i, k) for i, k in permutations(range(len(never)), 2) if never[i, k])
 
     def grid(self) -> list[Command]:
         """Commands of all families to begin a search with."""
@@ -617,7 +617,7 @@ class ExperimentDesigner:
             self.weights,
             action.separations,
             self.told(action.separations),
-            tuple(self.imitated()),
+            self.imitated,
             action.decides,
             action.seconds,
             (),
@@ -705,15 +705,12 @@ def _steps(designer: ExperimentDesigner, action: Action, designed: Experiment) -
             f" the likeliest has {designed.weights.max():.0%} now. Takes about"
             f" {math.ceil(designed.seconds / 60.0)} min."
         )
-        yield from _alike(designed)
     else:
         yield (
-            f"Nothing that can be played, set or measured tells {_listed(names, 'or')} apart: which"
-            " of them it is makes no difference to these outputs."
+            "Nothing that can be played, set or measured is sure to tell"
+            f" {_listed(names, 'or')} apart."
         )
-    known = _on_record(designer.problem.model.plant, designed)
-    if known:
-        yield f"What else separates them: {known}."
+    yield from _alike(designed)
 
 
 def _command(designer: ExperimentDesigner, action: Action, designed: Experiment) -> str:
@@ -744,16 +741,3 @@ def _names(effects: Sequence[str]) -> str:
 
 def _listed(explanations: Sequence[Sequence[str]], word: str = "and") -> str:
     return listed(map(_names, explanations), word)
-
-
-def _on_record(plant: Plant, designed: Experiment) -> str:
-    """What is known to separate effects of explanations that stay together."""
-    texts = [
-        experiment(cause(a, plant), cause(b, plant), plant)
-        for i, k in combinations(range(len(designed.explanations)), 2)
-        if not (designed.told[i, k] and designed.told[k, i])
-        for a in designed.explanations[i]
-        for b in designed.explanations[k]
-        if a not in designed.explanations[k] and b not in designed.explanations[i]
-    ]
-    return "; ".join(dict.fromkeys(filter(None, texts)))
