@@ -52,16 +52,18 @@ def experiment(rig: Rig, plans: tuple[Plan, ...], load: float = 0.0) -> Experime
 
 def product(e: Experiment, parameters: dict[str, float]) -> tuple[Array, ...]:
     """What the product's own simulation says, one array per log as the experiment's."""
-    chosen = model(e.rig.actuator, e.rig.variant, {**e.true, **parameters})
+    true = {name: value for name, value in e.true.items() if name in e.rig.nominal}
+    chosen = model(e.rig.actuator, e.rig.variant, {**true, **parameters})
+    known = {place: signal.name for signal, place in (*e.rig.readings, *e.rig.further)}
     logs = []
     for plan in e.plans:
         rows = np.arange(len(plan.command))
         times = np.concatenate([[0.0], e.rig.settle + rows * plan.stride * e.rig.step])
         command, shares = (np.append(rows[0], rows) for rows in (plan.command, plan.shares))
         inputs = {e.rig.command.name: command, "load_torque": e.load * shares}
+        inputs |= {k: np.full(len(times), v) for k, v in e.true.items() if k not in true}
         found = simulate(chosen, times, inputs)
-        names = [s.name for s, place in e.rig.readings if place in e.readings]
-        logs.append(np.column_stack([found[name][1:] for name in names]))
+        logs.append(np.column_stack([found[known[place]][1:] for place in e.readings]))
     return tuple(logs)
 
 
@@ -94,6 +96,27 @@ def test_without_a_cause_it_is_the_products_model(rig: Rig, excitation: str, loa
     e = experiment(rig, PLANS[excitation](rig), load * rig.load[1])
     for own, other in zip(e.plain, product(e, {})):
         assert np.all(np.abs(own - other).max(axis=0) < 1e-3 * np.ptp(other, axis=0))
+
+
+@pytest.mark.parametrize(
+    ("rig", "supply"), [(SERVO, {"supply_voltage": 3.5}), (BUS, {"supply": 5.0}), (PULSE, {})]
+)
+def test_what_is_set_and_measured_besides_is_the_products(
+    rig: Rig, supply: dict[str, float]
+) -> None:
+    e = experiment(rig, ladder(rig), 0.5 * rig.load[1])
+    further = tuple(place for _, place in rig.further)
+    e = replace(e, true={**e.true, **supply}, readings=(*e.readings, *further))
+    (own,), (other,) = e.plain, product(e, {})
+    assert np.all(np.sqrt(np.mean((own - other) ** 2, axis=0)) < SAME * np.ptp(other, axis=0))
+
+
+def test_what_is_taken_away_is_no_cause_any_more() -> None:
+    case = draw_case(3, 1, "hard")
+    e, gone = case.experiment, {f"{it.name}.size": 0.0 for it in (*case.acting, *case.hidden)}
+    assert gone
+    (one,) = with_log(case, e.plans[0].command, np.random.default_rng(1), gone).further
+    np.testing.assert_array_equal(one.noise_free[0], e.plain[0])
 
 
 SAME = 0.01

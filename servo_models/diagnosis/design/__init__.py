@@ -21,7 +21,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property, partial
+from functools import cache, cached_property, lru_cache, partial
 from itertools import permutations
 from pathlib import Path
 
@@ -327,8 +327,9 @@ class ExperimentDesigner:
         self.sigma = {**self.problem.sigma, **further}
         every = conditions(plant, self.wire.name)
         self.conditions = [Preparation(), *(one for one in every if self._differs(one))]
-        self.response = cache(self._response)
-        self.slopes = cache(self._slopes)
+        # what is large is kept while a command is looked at, not for good
+        self.response = lru_cache(128)(self._response)
+        self.slopes = lru_cache(32)(self._slopes)
         self.change = cache(self._change)
 
     def _differs(self, condition: Preparation) -> bool:
