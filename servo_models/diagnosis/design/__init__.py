@@ -431,8 +431,12 @@ class ExperimentDesigner:
     @cached_property
     def imitated(self) -> tuple[tuple[int, int], ...]:
         """The pairs (i, k) in which rival k can imitate i whatever is done."""
-        needs = (*self.conditions[1:], *self.measures)
-        every = self._all(partial(self.separations, needs=needs), self.commands)
+
+        def everything(command: Command) -> Array:
+            conditions = (it for it in self.conditions[1:] if self.sound(Play(command, it)))
+            return self.separations(command, (*conditions, *self.measures))
+
+        every = self._all(everything, self.commands)
         never = ~np.any([self.told(one) for one in every.values()], axis=0)
         return tuple((i, k) for i, k in permutations(range(len(never)), 2) if never[i, k])
 
