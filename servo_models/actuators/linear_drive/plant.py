@@ -10,7 +10,7 @@ import math
 
 from servo_models.actuators.linear_drive import physics as drive
 from servo_models.actuators.shaft import free_shaft, shaft_acceleration, shaft_contact
-from servo_models.actuators.wiring import LEARNT, input_scale, residual_curves
+from servo_models.actuators.wiring import LEARNT, LOADS, input_scale, residual_curves
 from servo_models.core.block import Block
 from servo_models.core.catalogue import effects_on
 from servo_models.core.plant import Placement, Plant, State, Wire, internal_step, place
@@ -23,7 +23,15 @@ STROKE = 0.25  # half range of the carriage [m]
 INPUTS = (
     Wire("reference", "m", "commanded position", scale=0.02, low=-1.0, high=1.0, display="mm"),
     Wire("disturbance", "V", "voltage added to the drive", scale=5.0, low=-100.0, high=100.0),
-    Wire("load_force", "N", "force against positive motion", scale=100.0, low=-1e4, high=1e4),
+    Wire(
+        "load_force",
+        "N",
+        "force against positive motion",
+        100.0,
+        low=-1e4,
+        high=1e4,
+        bench=LOADS,
+    ),
 )
 WIRES = (
     Wire("position", "m", "position of the carriage", scale=STROKE, display="mm"),
