@@ -1,6 +1,7 @@
 """Does the second log that a diagnosis asks for decide what the first one leaves open?
 
-    python -m studies second_log --seed 1 --cases 60 [--jobs 1] [--resume] [--folder DIR]
+    python -m studies second_log --seed 1 --cases 60 [--tiers poor] [--jobs 1] [--resume]
+        [--folder DIR]
 
 A case is a withheld rig with one or two effects of the catalogue (tiers in turn) whose first log
 leaves more than one explanation, the true one among them.  Its diagnosis asks for an action: a
@@ -54,9 +55,9 @@ CONTROL_COMMAND, NOISE = 1, 2
 Row = dict[str, Any]
 
 
-def examined(seed: int, number: int) -> Row:
+def examined(seed: int, tiers: Sequence[str], number: int) -> Row:
     """What the first log of a rig and either second one lead to."""
-    row: Row = {"number": number, "tier": CLEAN[number % len(CLEAN)]}
+    row: Row = {"number": number, "tier": tiers[number % len(tiers)]}
     if kind_of(seed, number) not in ("one", "two"):
         return row
     case = draw_case(seed, number, row["tier"])
@@ -122,19 +123,19 @@ def _diagnosed(case: Case) -> tuple[Diagnosis, Row]:
     }
 
 
-def rows(seed: int, jobs: int, known: Sequence[Row]) -> Iterator[Row]:
+def rows(seed: int, tiers: Sequence[str], jobs: int, known: Sequence[Row]) -> Iterator[Row]:
     """What is known, then further rigs without end, in order."""
     yield from known
     numbers = count(len(known))
     if jobs == 1:
-        yield from (examined(seed, number) for number in numbers)
+        yield from (examined(seed, tiers, number) for number in numbers)
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(jobs, mp_context=context) as pool:
-        ahead = [pool.submit(examined, seed, next(numbers)) for _ in range(2 * jobs)]
+        ahead = [pool.submit(examined, seed, tiers, next(numbers)) for _ in range(2 * jobs)]
         try:
             while True:
                 yield ahead.pop(0).result()
-                ahead.append(pool.submit(examined, seed, next(numbers)))
+                ahead.append(pool.submit(examined, seed, tiers, next(numbers)))
         finally:
             pool.shutdown(cancel_futures=True)
 
@@ -182,6 +183,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--seed", type=int, required=True)
     parser.add_argument("--cases", type=int, default=60, help="rigs that are asked for a log")
+    parser.add_argument("--tiers", default=",".join(CLEAN), help="in turn")
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--resume", action="store_true")
     parser.add_argument("--folder", type=Path, default=Path("second_log"))
@@ -193,7 +195,7 @@ def main() -> None:
     known = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
     found: list[Row] = []
     with path.open("a") as file:
-        for row in rows(given.seed, given.jobs, known):
+        for row in rows(given.seed, given.tiers.split(","), given.jobs, known):
             found.append(row)
             if len(found) > len(known):
                 file.write(json.dumps(row) + "\n")

@@ -78,7 +78,7 @@ def shape(diagnosis: Diagnosis) -> str:
 def not_shown(diagnosis: Diagnosis) -> str:
     """Return a clause on effects that another experiment shows and these logs do not, beside
     parameters that explain the gap; "" for none."""
-    shown = ((one, it) for one in diagnosis.next_experiments for it in one.explanations)
+    shown = ((one, it) for one in diagnosis.next_experiments[:1] for it in one.explanations)
     names = [name for one, effects in shown if one.rules_out((), effects) for name in effects]
     if not names:
         return ""

@@ -424,9 +424,8 @@ class ExperimentDesigner:
 
     def decides(self, separations: Array) -> float:
         """Return the probability that is expected to be left to the right rival."""
-        return float(
-            self.weights @ (self.weights / (np.exp(-self.lost(separations)) @ self.weights))
-        )
+        left = np.exp(-self.lost(separations)) @ self.weights
+        return min(1.0, float(self.weights @ (self.weights / left)))  # 1 but for rounding
 
     @cached_property
     def imitated(self) -> tuple[tuple[int, int], ...]:
