@@ -63,6 +63,7 @@ if TYPE_CHECKING:
     from servo_models.identification.identify import identify
     from servo_models.simulators.export import export
     from servo_models.simulators.nominal import import_nominal
+    from servo_models.survey.rehearsal.rehearse import rehearse
     from servo_models.survey.survey import survey
     from servo_models.validation.any_fmu.experiment import Against
     from servo_models.validation.rows import Validation
@@ -119,6 +120,7 @@ __all__ = [
     "read_inputs",
     "read_parameters",
     "read_signals",
+    "rehearse",
     "sample",
     "simulate",
     "survey",

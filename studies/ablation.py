@@ -104,6 +104,9 @@ RULES = {
         [Search.search_grids, *vars(grid_search).values()],
         called=True,
     ),
+    "grids beside others": Rule(
+        [(Search, "search_grids_beside", nothing)], [Search.search_grids_beside], called=True
+    ),
     "screening from nominal": Rule(
         [(selection, "survey", lambda retuned, _, every: screening.survey(retuned, (), every))],
         [screening._at_best],

@@ -30,6 +30,7 @@ from servo_models.cli.identify import identify
 from servo_models.cli.import_ import import_
 from servo_models.cli.list_ import list_
 from servo_models.cli.new import new
+from servo_models.cli.rehearse import rehearse
 from servo_models.cli.sample import sample
 from servo_models.cli.simulate import simulate
 from servo_models.cli.survey import survey
@@ -95,6 +96,7 @@ app.command()(figures)
 app.command()(check)
 app.command()(identify)
 app.command()(diagnose)
+app.command()(rehearse)
 app.command()(survey)
 app.command()(compare)
 app.command()(sample)

@@ -108,10 +108,11 @@ class Description:
         return self.model.variant
 
 
-def read_description(path: str | Path, trust: bool = False) -> Description:
+def read_description(path: str | Path, trust: bool = False, planned: bool = False) -> Description:
     """Read a description and its logs.
 
     Where its actuator is a Python file, that is run: ``trust`` allows this wherever it lies.
+    ``planned`` logs may lack columns of outputs, which are NaN then: a command is yet to be played.
 
     Raises:
         UserError: a log, a folder or no TOML; an unknown key, actuator, variant, parameter or
@@ -128,7 +129,7 @@ def read_description(path: str | Path, trust: bool = False) -> Description:
     document = read_toml(Path(path))
     table = document.read(DescriptionTable)
     chosen, parameters = _model(document, table, trust)
-    return described(document, chosen, parameters)
+    return described(document, chosen, parameters, planned=planned)
 
 
 def check_is_description(path: Path) -> None:
@@ -167,10 +168,12 @@ def described(
     chosen: Model,
     parameters: Mapping[str, float],
     tables: Mapping[str, Columns] | None = None,
+    planned: bool = False,
 ) -> Description:
     """Return what a document says beside its nominal model, which has these overrides [SI].
 
-    ``tables`` are in memory, by the name that stands as their file in the document.
+    ``tables`` are in memory, by the name that stands as their file in the document; ``planned``
+    is that of ``read_description``.
 
     Raises:
         UserError: see ``read_description``.
@@ -183,7 +186,7 @@ def described(
         model=chosen,
         parameters=parameters,
         uncertainty=uncertainty,
-        logs=_logs(document, chosen, tables or {}),
+        logs=_logs(document, chosen, tables or {}, planned),
         free=_free(document, table.free, chosen),
         method=table.method,
         bounds=_bounds(document.section("bounds"), chosen, uncertainty),
@@ -301,7 +304,9 @@ def _free(document: Section, free: Sequence[str], chosen: Model) -> tuple[str, .
     return tuple(free)
 
 
-def _logs(document: Section, chosen: Model, tables: Mapping[str, Columns]) -> tuple[Log, ...]:
+def _logs(
+    document: Section, chosen: Model, tables: Mapping[str, Columns], planned: bool
+) -> tuple[Log, ...]:
     entries, sweeps = document.sections("logs"), document.sections("sweeps")
     if not entries and not sweeps and "elements" not in document:
         document.fail("logs", "missing; add [[logs]] with file, time and outputs")
@@ -310,7 +315,7 @@ def _logs(document: Section, chosen: Model, tables: Mapping[str, Columns]) -> tu
     for section in entries:
         by_file: dict[Path, list[tuple[Section, Log]]] = {}
         for entry in runs(section, tables):
-            log = read_log(entry, chosen, read, clocks, tables)
+            log = read_log(entry, chosen, read, clocks, tables, planned)
             of_file = by_file.setdefault(log.path.resolve(), [])
             check_apart(entry, log, of_file)
             if log.name in (other.name for other in logs):

@@ -168,7 +168,12 @@ class LogTable(Table):
 
 
 def read_log(
-    section: Section, chosen: Model, read: Read, clocks: Clocks, tables: Mapping[str, Columns]
+    section: Section,
+    chosen: Model,
+    read: Read,
+    clocks: Clocks,
+    tables: Mapping[str, Columns],
+    planned: bool = False,
 ) -> Log:
     """Read a log as a description's ``[[logs]]`` says.
 
@@ -178,6 +183,7 @@ def read_log(
         read: ``readers.read_columns``, which may remember what it has read.
         clocks: ``read_clock``, which may remember as well.
         tables: tables in memory, by the name that stands as their file.
+        planned: a column of an output may be missing: the output is NaN then, and a note says so.
 
     Raises:
         UserError: an unknown signal, parameter, table or column; a unit that does not
@@ -200,6 +206,8 @@ def read_log(
     def table(name: str | None) -> Columns:
         return given or read(path, name, entry.header)
 
+    blank = {n: m for n, m in outputs.items() if planned and not table(m.table).has(m.column)}
+    outputs = {name: m for name, m in outputs.items() if name not in blank}
     mapped = [
         signal if signal.empty else signal._replace(empty=entry.missing)
         for signal in (*inputs.values(), *outputs.values())
@@ -219,6 +227,8 @@ def read_log(
         for name, m in inputs.items()
     }
     measured = {name: _output(m, clock, times, readings[name]) for name, m in outputs.items()}
+    measured |= {name: np.full(len(times), np.nan) for name in blank}
+    notes += [f"no column '{m.column}' yet: '{name}' is not measured" for name, m in blank.items()]
     skipped = _skipped(section, entry.judged, times, fed) if entry.judged else None
     for m in outputs.values():
         if m.missing is not None or m.farthest is not None:
@@ -234,7 +244,7 @@ def read_log(
         times=times,
         inputs=fed,
         outputs=measured,
-        channels={"time": time} | {n: m.channel for n, m in (inputs | outputs).items()},
+        channels={"time": time} | {n: m.channel for n, m in (inputs | outputs | blank).items()},
         rows=clock.rows + clock.columns.first_row,
         held_out=_held_out(section, entry.held_out, clock.since, fed),
         constants=constants,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import pickle
+import signal
 import subprocess
 import sys
 import threading
@@ -97,6 +98,7 @@ def _end(late: threading.Event, process: subprocess.Popen[bytes]) -> None:
 
 def serve() -> None:
     """Answer calls until standard input ends; what the function prints is not shown."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for who started this process
     calls, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     for number in (0, 1):
         os.dup2(os.open(os.devnull, os.O_RDWR), number)

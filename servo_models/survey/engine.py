@@ -14,7 +14,7 @@ from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from queue import SimpleQueue
-from typing import NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 from servo_models.data.readers.columns import extra
 from servo_models.errors import UserError
@@ -38,6 +38,19 @@ class Done(NamedTuple):
     page: bytes
 
 
+def seconds_allowed(limit: float | None) -> float:
+    """Time after which the process of a diagnosis is ended: beyond the limit of its search."""
+    return NO_LIMIT_SECONDS if limit is None else GRACE_FACTOR * limit + GRACE_SECONDS
+
+
+class Works(Protocol):
+    """Does a job, such as in a process of its own, which ``close`` ends in the middle of it."""
+
+    def __call__(self, job: Any, /) -> Any: ...
+
+    def close(self) -> None: ...
+
+
 class Worker:
     """A process that does jobs, one after another."""
 
@@ -45,8 +58,7 @@ class Worker:
         self._child: Child | None = None
 
     def __call__(self, job: Job) -> Done:
-        limit = job.options.get("time_limit")
-        seconds = NO_LIMIT_SECONDS if limit is None else GRACE_FACTOR * limit + GRACE_SECONDS
+        seconds = seconds_allowed(job.options.get("time_limit"))
         if self._child is None or self._child.seconds != seconds:
             cure = "give it another --time-limit"
             self._child = Child(_running, (), seconds, "the diagnosis", cure)
@@ -65,14 +77,13 @@ def _running() -> Callable[[Job], tuple[bytes, bytes]]:
     return run
 
 
-def here(jobs: Iterator[Job], processes: int) -> Generator[Done, None, None]:
+def here(jobs: Iterator[Any], workers: Sequence[Works]) -> Generator[Any, None, None]:
     """Yield jobs as they are done by processes of this machine; a job is taken when one is free."""
-    workers = [Worker() for _ in range(processes)]
-    free: SimpleQueue[Worker] = SimpleQueue()
+    free: SimpleQueue[Works] = SimpleQueue()
     for worker in workers:
         free.put(worker)
 
-    def do(job: Job) -> Done:
+    def do(job: Any) -> Any:
         worker = free.get()
         try:
             return worker(job)
@@ -83,7 +94,7 @@ def here(jobs: Iterator[Job], processes: int) -> Generator[Done, None, None]:
         for worker in workers:
             worker.close()
 
-    yield from _each(jobs, processes, do, stop)
+    yield from _each(jobs, len(workers), do, stop)
 
 
 def on_cluster(jobs: Iterator[Job], address: str) -> Generator[Done, None, None]:
@@ -120,8 +131,8 @@ def on_cluster(jobs: Iterator[Job], address: str) -> Generator[Done, None, None]
 
 
 def _each(
-    jobs: Iterator[Job], most: int, do: Callable[[Job], Done], stop: Callable[[], None]
-) -> Iterator[Done]:
+    jobs: Iterator[Any], most: int, do: Callable[[Any], Any], stop: Callable[[], None]
+) -> Iterator[Any]:
     """Yield what ``do`` makes of jobs, as it comes, with ``most`` in hand; ``stop`` ends these."""
     with ThreadPoolExecutor(most) as threads:
         pending = {threads.submit(do, job) for job in islice(jobs, most)}

@@ -16,7 +16,7 @@ from servo_models.data.parameters import write_parameters
 from servo_models.errors import UserError
 from servo_models.files import write_with
 from servo_models.report.numbers import plural
-from servo_models.survey.engine import Done, here, on_cluster
+from servo_models.survey.engine import Done, Worker, here, on_cluster
 from servo_models.survey.job import Job, Outcome, failed
 from servo_models.survey.plan import Planned, plan
 from servo_models.survey.result import Survey, told_apart
@@ -91,7 +91,8 @@ def survey(
         work.do(lambda todo: on_cluster(todo, scheduler), "on the cluster", 1)
     else:
         where = f"on {plural(processes, 'processor')}"
-        work.do(lambda todo: here(todo, processes), where, processes)
+        workers = [Worker() for _ in range(processes)]
+        work.do(lambda todo: here(todo, workers), where, processes)
     outcomes = tuple(work.outcomes[key] for key in work.jobs)
     found = Survey(root.resolve().name, told_apart(outcomes), planned.notes, earlier, folder)
     for name, table in (("table", found.table()), ("estimates", found.estimates())):
@@ -140,7 +141,7 @@ class _Work:
         if before == every:
             left = ""
         elif seconds:
-            left = f", about {_duration(fmean(seconds) * (every - before) / processes)} {where}"
+            left = f", about {duration(fmean(seconds) * (every - before) / processes)} {where}"
         else:
             left = f" {where}; the first that is done will tell how long it takes"
         joints = f"{plural(every, 'joint')} of {plural(units, 'unit')}"
@@ -176,12 +177,13 @@ class _Work:
 
     def _count(self, outcome: Outcome, before: int) -> None:
         done, every = len(self.outcomes), len(self.jobs)
-        left = _duration((time.monotonic() - self.begin) / (done - before) * (every - done))
+        left = duration((time.monotonic() - self.begin) / (done - before) * (every - done))
         said = outcome.failure or outcome.sentence
         self.tell(done - 1, every, f"{left} left; {outcome.unit} {outcome.joint}: {said}")
 
 
-def _duration(seconds: float) -> str:
+def duration(seconds: float) -> str:
+    """Return how long something takes, as a person reads it."""
     for unit, size in (("h", 3600.0), ("min", 60.0)):
         if seconds >= size:
             return f"{seconds / size:.2g} {unit}"

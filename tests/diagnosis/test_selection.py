@@ -101,6 +101,19 @@ def test_a_single_effect_is_exchanged_for_what_was_never_fitted() -> None:
     assert alone["null_shift"] == pytest.approx(found.cost, rel=0.01)
 
 
+def test_a_staircase_is_sought_beside_a_single_effect() -> None:
+    """Alone, a staircase of another size makes up for an offset."""
+    causes = {"sensor_offset.value": 2e-3, "command_quantisation.step": 3.137}
+    fitter, every = made(causes)
+    offset, steps = (every[name.partition(".")[0]] for name in causes)
+    search = selection_of(fitter, [offset, steps])
+    search.keep(fitter.fit((offset.name,), offset.free))
+    search.search_grids_beside()
+    found = search.models[frozenset({offset.name, steps.name})]
+    assert found.values["command_quantisation.step"] == pytest.approx(3.137, rel=1e-3)
+    assert found.settled
+
+
 @pytest.mark.thorough
 def test_the_best_pair_is_exchanged_until_none_does_better() -> None:
     """Neither of its effects is a cause, and noise is not all that it leaves."""

@@ -130,6 +130,13 @@ class Columns:
             raise UserError(f"{place} has two columns '{column}': give the number of one")
         return places[0]
 
+    def has(self, column: str | int) -> bool:
+        """Whether there is such a column."""
+        try:
+            return self.index(column) >= 0
+        except UserError:
+            return False
+
     def where(self, column: str | int, row: int | None = None) -> str:
         """File, table, row (counted from 0 here) and column in words."""
         row_ = "" if row is None else f", row {row + self.first_row}"

@@ -21,7 +21,7 @@ from servo_models.identification.linear_inference import linearised
 
 BRIEF_SAMPLES = 1000  # length of the first parts of the logs, in which every value is screened
 LONG_SAMPLES = 5000  # length of the parts for the best: the longer, the narrower is the minimum
-BRIEF_MEAN_SQUARE_RATIO = 0.1  # least residual power, excerpt over longer part, to screen there
+BRIEF_MEAN_SQUARE_RATIO = 0.5  # least residual power, excerpt over longer part, to screen there
 VALUES_IN_LONG = 60  # values screened in the longer part after that
 VALUES_CORRECTED = 24  # values screened there with other parameters corrected, half with neighbours
 AROUND_RELATIVE = (-0.0005, 0.0005)  # offsets of these neighbours relative to the value

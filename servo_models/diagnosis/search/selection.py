@@ -242,6 +242,9 @@ class SubsetSelection:
             self.grow(1, [one for one in self.every if one.grid])
             self.grow(2, self.every)
         self.exchange_best(2)
+        if not self.settled(2):
+            self.search_grids_beside()
+            self.exchange_best(2)
         self.begin(FURTHER)
         taken = self.accepted()
         for size in range(3, self.settings.most_effects + 1):
@@ -384,6 +387,16 @@ class SubsetSelection:
         screened = screen((self.retuned.linearised, there.linearised), short)
         self.results = sorted([*self.results, *screened], key=lambda it: it.left)
         self.screener = Screener(self.every, self.results, self.screener)
+
+    def search_grids_beside(self) -> None:
+        """Screen discontinuous effects at all their values beside the best single effects: without
+        one of these, the right value looks like any other."""
+        for base in self.bases(1)[: self.settings.bases]:
+            others = [one for one in self.every if one.name not in base.effects]
+            short = shortlist(self.fitter_of(base), base, others)
+            least = self.settings.promised_cost * base.cost
+            results = screen((base.linearised,), short)
+            self.add(base, promising(results, least, self.settings.fits_beside))
 
     # -- exchanging --------------------------------------------------------------------------------
 

@@ -1,0 +1,1 @@
+"""What the logs of a command would show of each effect, before it is played."""
