@@ -263,7 +263,7 @@ def test_a_played_table_is_read_as_it_was_meant(verdict: Verdict, planned: Exper
         patch.setattr(design, "ExperimentDesigner", lambda *_: stage)
         away = designed(verdict.rivals[:2])
     held = in_time(away.plans[0].settle)
-    assert f"Hold its first value for {held} before the log begins." in away.text
+    assert f"Hold its first value for {held} before a log begins." in away.text
     assert away.command[0] != 0.0
 
 
