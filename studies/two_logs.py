@@ -26,7 +26,7 @@ import numpy as np
 
 from servo_models.core.types import Array
 from servo_models.data.description import Description, read_description
-from servo_models.diagnosis.design import FAMILIES, PACES, SIZES, Command
+from servo_models.diagnosis.design.commands import FAMILIES, Command
 from servo_models.diagnosis.diagnose import Diagnosis, diagnose
 from servo_models.diagnosis.search.candidates import candidates
 from servo_models.diagnosis.search.fitting import Fitter
@@ -36,6 +36,8 @@ from studies.withheld.generator.cases import CLEAN, Case, draw_case, kind_of, wi
 from studies.withheld.generator.files import write_case
 from studies.withheld.score import Statistic, share
 
+SIZES = (1.0, 0.3)  # sizes of a command over the half range of the first one
+PACES = (0.004, 0.012, 0.04, 0.12)  # paces over the length of a log
 COMMAND, NOISE = 3, 4
 """What a random generator of a rig is for, beside the rig itself."""
 Row = dict[str, Any]
@@ -78,8 +80,8 @@ def drawn(case: Case, random: np.random.Generator) -> Command:
     return Command(
         str(random.choice([*FAMILIES])),
         0.5 * (low + high),
-        0.5 * (high - low) * float(random.choice(SIZES[:2])),
-        float(random.choice(PACES)) * 0.2 * duration,
+        0.5 * (high - low) * float(random.choice(SIZES)),
+        float(random.choice(PACES)) * duration,
         int(random.integers(1 << 30)),
     )
 
