@@ -103,6 +103,7 @@ MIXES = {
     "mechanics": Mix(
         {"nothing": 0.16, "one": 0.49, "two": 0.35}, MECHANICS, _pairs(combinations(MECHANICS, 2))
     ),
+    "friction": Mix({"one": 1.0}, ("friction_soft", "friction_stiff"), ()),
     "limits": Mix(
         {"nothing": 0.1, "one": 0.5, "two": 0.4},
         (*LIMITS, *3 * ("play",)),
@@ -113,7 +114,7 @@ MIXES = {
         ),
     ),
 }
-"""Mechanics alone; limits of motor and firmware, and play in about half of the rigs."""
+"""Mechanics alone; friction; limits of motor and firmware, and play in about half of the rigs."""
 
 UNCERTAINTY = {
     "torque_constant": 0.1,

@@ -129,7 +129,7 @@ def test_friction_that_gives_takes_the_energy_of_its_law() -> None:
 
 
 def test_friction_that_gives_springs_back() -> None:
-    """Moves far below level / stiffness are those of a spring, damped once per swing by its loop."""
+    """Moves far below level / stiffness are those of a spring, damped a little by its loop."""
     given = {"presliding.level": 4.0, "presliding.stiffness": 25.0, "presliding.damping": 0.0}
     out = respond(shaft_bench(PRESLIDING, speed=0.02), given, TIMES)["shaft_angle"]
     np.testing.assert_allclose(out, 0.02 / 5.0 * np.sin(5.0 * TIMES), atol=4e-4)
