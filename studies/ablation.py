@@ -145,10 +145,7 @@ RULES = {
         parts=[vars(fitting.FittedModel)["held_by_bound"].func],
         settings=Settings(entry_share_on_bound=0.0, loss_factor_on_bound=1.0),
     ),
-    "shape costs": Rule(
-        [(fitting.FittedModel, "shape_cost", 0.0)],
-        [vars(fitting.FittedModel)["shape_cost"].func],
-    ),
+    "shape costs": Rule([(fitting, "shape_cost", lambda _: 0.0)], [fitting.shape_cost]),
     "friction that gives": Rule(effects=["presliding_friction"]),
     "strangeness": Rule([(fitting, "_strangeness", lambda *_: 0.0)], [fitting._strangeness]),
     "trials counted": Rule([(selection, "log", lambda _: 0.0)]),

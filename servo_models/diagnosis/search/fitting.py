@@ -309,23 +309,6 @@ class FittedModel:
         return float(self.linearised.errors @ self.linearised.errors)
 
     @cached_property
-    def shape_cost(self) -> float:
-        """Twice the log likelihood that parameters of effects beside their sizes have to earn: of
-        laws that do as well the simplest is taken.
-
-        One inside its bounds has to earn what it takes to fit noise (Schwarz, Annals of Statistics
-        6 (1978) 461).  A term that is 0 is not there.  On another bound a law is on its way to a
-        simpler one.
-        """
-        sides, cost = self.problem.sides(self.evidence.vector), 0.0
-        for i, free, parameter, hints in _of_effects(self.problem):
-            absent = sides[i] == "low" and free.low == 0.0
-            if free.prior is None and not free.switch and not absent:
-                edge = sides[i] and parameter.key != hints.jump
-                cost += self.settings.entry_advantage if edge else np.log(self.evidence.independent)
-        return float(cost)
-
-    @cached_property
     def loss(self) -> float:
         """Sum of squared unseen errors, larger for an effect on its bound or of a richer shape.
 
@@ -335,7 +318,25 @@ class FittedModel:
         """
         factor = self.settings.loss_factor_on_bound if self.held_by_bound else 1.0
         squared = float(self.evidence.losses.sum()) * factor
-        return squared + (2.0 * self.chance + self.shape_cost) * self.evidence.dispersion
+        return squared + (2.0 * self.chance + shape_cost(self)) * self.evidence.dispersion
+
+
+def shape_cost(model: FittedModel) -> float:
+    """Return twice the log likelihood that parameters of effects beside their sizes have to earn:
+    of laws that do as well the simplest is taken.
+
+    One inside its bounds has to earn what fitting noise with it would (Schwarz, Annals of
+    Statistics 6 (1978) 461).  A term that is 0 is not there.  On another bound a law is on its way
+    to a simpler one.
+    """
+    problem, evidence = model.problem, model.evidence
+    sides, cost = problem.sides(evidence.vector), 0.0
+    for i, free, parameter, hints in _of_effects(problem):
+        absent = sides[i] == "low" and free.low == 0.0
+        if free.prior is None and not free.switch and not absent:
+            edge = sides[i] and parameter.key != hints.jump
+            cost += model.settings.entry_advantage if edge else np.log(evidence.independent)
+    return float(cost)
 
 
 @dataclass(frozen=True, eq=False)
