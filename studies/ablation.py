@@ -60,6 +60,7 @@ class Rule(NamedTuple):
         changes: what takes it out: a module or class, a name in it, what stands there instead.
         parts: functions that would go with it.
         settings: with which it does nothing.
+        effects: of the catalogue, which are left out.
         called: it acts wherever it is called; a rule without acts where its result is another than
             that of what stands there instead.
     """
@@ -67,6 +68,7 @@ class Rule(NamedTuple):
     changes: Sequence[tuple[Any, str, Any]] = ()
     parts: Sequence[Callable[..., Any]] = ()
     settings: Settings = DEFAULT
+    effects: Sequence[str] = ()
     called: bool = False
 
 
@@ -143,6 +145,8 @@ RULES = {
         parts=[vars(fitting.FittedModel)["held_by_bound"].func],
         settings=Settings(entry_share_on_bound=0.0, loss_factor_on_bound=1.0),
     ),
+    "shape costs": Rule([(fitting, "shape_cost", lambda _: 0.0)], [fitting.shape_cost]),
+    "friction that gives": Rule(effects=["presliding_friction"]),
     "strangeness": Rule([(fitting, "_strangeness", lambda *_: 0.0)], [fitting._strangeness]),
     "trials counted": Rule([(selection, "log", lambda _: 0.0)]),
     "conditions left out": Rule(
@@ -211,7 +215,7 @@ def without(cases: Path, out: Path, name: str, limit: int) -> None:
     first = [job for job in withheld(cases) if job.name in acts][:limit]
     for job in (job for job in first if job.name not in done):
         with ExitStack() as stack:
-            told = partial(diagnosis.diagnose, settings=rule.settings)
+            told = partial(diagnosis.diagnose, settings=rule.settings, left_out=rule.effects)
             for place, part, instead in (*rule.changes, (diagnosis, "diagnose", told)):
                 stack.enter_context(patch.object(place, part, instead))
             row = answered(job)

@@ -9,7 +9,7 @@ from servo_models.core.block import Hints, Memory, Param, effect
 @effect(
     "signal",
     source="Coleman, Hodgdon, Int. J. Eng. Sci. 24 (1986) 897, linear material functions",
-    hints=Hints(says="the {wire} comes back {half_width} off to either side"),
+    hints=Hints(says="the {wire} comes back {half_width} off to either side", family="friction"),
 )
 def hysteresis(
     signal: float,

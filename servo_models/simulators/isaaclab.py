@@ -96,6 +96,7 @@ HOLDS: Mapping[str, Held] = {
     "transport_delay": Held(EXACT, "min_delay and max_delay, in whole physics steps"),
     "coulomb_friction": Held(EXACT, "friction"),
     "viscous_friction": Held(APPROXIMATE, "damping, which effort_limit clips with the rest"),
+    "presliding_friction": Held(APPROXIMATE, "friction, which holds still"),
     "stribeck_friction": Held(APPROXIMATE, "friction, one for rest and motion"),
     "supply_limit": Held(APPROXIMATE, "effort_limit, which does not fall with speed"),
     "saturation": Held(APPROXIMATE, "effort_limit, which does not fall with speed"),

@@ -108,6 +108,7 @@ HOLDS: Mapping[str, Held] = {
     "coasting_backlash": Held(APPROXIMATE, "hysteresis_width, whose output does not coast"),
     "hysteresis": Held(APPROXIMATE, "hysteresis_width, play in place of a loop"),
     "coulomb_friction": Held(APPROXIMATE, "hysteresis_width, play in place of friction"),
+    "presliding_friction": Held(APPROXIMATE, "hysteresis_width, play in place of a loop"),
     "dead_band": Held(APPROXIMATE, "hysteresis_width, play in place of a band"),
     "offset": Held(EXACT, "bias"),
     "null_shift": Held(APPROXIMATE, "bias"),

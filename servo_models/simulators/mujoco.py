@@ -118,6 +118,7 @@ HOLDS: Mapping[str, Held] = {
     "lag": Held(APPROXIMATE, "timeconst, which lags the command alone"),
     "viscous_friction": Held(EXACT, "damping"),
     "coulomb_friction": Held(APPROXIMATE, "frictionloss, which creeps where ours stands still"),
+    "presliding_friction": Held(APPROXIMATE, "frictionloss, which creeps and has no spring"),
     "stribeck_friction": Held(APPROXIMATE, "frictionloss, one for rest and motion"),
     "supply_limit": Held(APPROXIMATE, "forcerange, at one supply"),
     "saturation": Held(APPROXIMATE, "forcerange, which limits the torque alone"),

@@ -3,7 +3,8 @@
 The owner describes a ``smart_servo`` (gain, supply, data sheet, inertia, friction if some is known)
 with honest uncertainties.  What is true lies inside them, but for what is wrong.
 
-What counts as right, decided before anything was diagnosed:
+What counts as right, decided before anything was diagnosed, but for ``presliding_friction``, which
+was not there:
 
 =================  ==========================================================================
 wrong              any of these sets of effects names it
@@ -17,7 +18,7 @@ play               backlash; coasting_backlash
 gravity            gravity_load
 viscous            viscous_friction
 inertia            load_inertia; or none, by the verdict ``parameters``
-friction_soft      coulomb_friction; viscous_friction; both
+friction_soft      coulomb_friction; viscous_friction; both; presliding_friction
 friction_stiff     coulomb_friction; stribeck_friction; both
 =================  ==========================================================================
 
@@ -61,6 +62,7 @@ NAMES: dict[str, list[list[str]]] = {
         ["coulomb_friction"],
         ["viscous_friction"],
         ["coulomb_friction", "viscous_friction"],
+        ["presliding_friction"],
     ],
     "friction_stiff": FRICTIONS,
     "torque_limit": [["current_limit"]],
@@ -101,6 +103,7 @@ MIXES = {
     "mechanics": Mix(
         {"nothing": 0.16, "one": 0.49, "two": 0.35}, MECHANICS, _pairs(combinations(MECHANICS, 2))
     ),
+    "friction": Mix({"one": 1.0}, ("friction_soft", "friction_stiff"), ()),
     "limits": Mix(
         {"nothing": 0.1, "one": 0.5, "two": 0.4},
         (*LIMITS, *3 * ("play",)),
@@ -111,7 +114,7 @@ MIXES = {
         ),
     ),
 }
-"""Mechanics alone; limits of motor and firmware, and play in about half of the rigs."""
+"""Mechanics alone; friction; limits of motor and firmware, and play in about half of the rigs."""
 
 UNCERTAINTY = {
     "torque_constant": 0.1,

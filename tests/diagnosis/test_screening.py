@@ -309,6 +309,19 @@ def test_only_a_bound_that_holds_a_fit_back_makes_a_disguise() -> None:
     assert idle.problem.sides(idle.evidence.vector)[-1] == "high"
 
 
+def test_of_laws_that_do_as_well_the_simplest_is_the_best() -> None:
+    """Stribeck's law is Coulomb's at a high Stribeck speed, which no log of Coulomb's tells."""
+    fitter, every = made({"coulomb_friction.level": 5e-4}, noise=1e-4)
+    plain = fitter.fit(("coulomb_friction",), every["coulomb_friction"].free)
+    excess, speed = every["stribeck_friction"].at({"stribeck_friction.excess": 5e-4})
+    inside = fitter.fit(("stribeck_friction",), [excess, replace(speed, start=0.3)])
+    edge = fitter.fit(("stribeck_friction",), [excess, replace(speed, low=0.9, start=0.9)])
+    assert edge.problem.sides(edge.evidence.vector)[-1]
+    alike = [float(it.evidence.losses.sum()) for it in (plain, inside, edge)]
+    assert np.ptp(alike) < 5.0 * plain.evidence.dispersion
+    assert plain.loss < inside.loss < edge.loss
+
+
 def test_a_staircase_is_found_between_the_sizes_that_are_looked_at() -> None:
     fitter, every = made({"command_quantisation.step": 3.137})
     retuned = fitter.finish(fitter.fit((), ()))

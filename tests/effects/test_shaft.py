@@ -21,6 +21,7 @@ from servo_models.effects.gear_compliance import compliant_load, compliant_outpu
 from servo_models.effects.gravity_load import gravity_load
 from servo_models.effects.load_friction import load_friction
 from servo_models.effects.load_inertia import load_inertia
+from servo_models.effects.presliding_friction import presliding_friction
 from servo_models.effects.stribeck_friction import stribeck_friction
 from servo_models.effects.viscous_friction import viscous_friction
 from tests.support.bench import respond, shaft_bench
@@ -28,6 +29,7 @@ from tests.support.bench import respond, shaft_bench
 COULOMB = place("coulomb", coulomb_friction, "friction")
 STRIBECK = place("stribeck", stribeck_friction, "friction")
 VISCOUS = place("viscous", viscous_friction, "load")
+PRESLIDING = place("presliding", presliding_friction, "load")
 STOPS = place("stops", end_stops, "travel")
 GRAVITY = place("gravity", gravity_load, "load")
 COMPLIANCE: tuple[Placement, ...] = (
@@ -114,6 +116,31 @@ def test_stribeck_curve_slows_the_mass_as_the_equation_says() -> None:
     ).y[0]
     assert exact[-1] > 0.0
     np.testing.assert_allclose(out["shaft_speed"], exact, atol=1e-9)
+
+
+def test_friction_that_gives_takes_the_energy_of_its_law() -> None:
+    """Dahl's: v^2 / 2 falls by the integral of level (1 - exp(-stiffness x / level)) on the way."""
+    given = {"presliding.level": 0.4, "presliding.stiffness": 3.0, "presliding.damping": 0.0}
+    out = respond(shaft_bench(PRESLIDING, speed=1.3), given, TIMES)
+    x, v = out["shaft_angle"], out["shaft_speed"]
+    assert v.min() > 0.5
+    spent = 0.4 * x + 0.4**2 / 3.0 * np.expm1(-3.0 * x / 0.4)
+    np.testing.assert_allclose(0.5 * v**2, 0.5 * 1.3**2 - spent, atol=1e-6)
+
+
+def test_friction_that_gives_springs_back() -> None:
+    """Moves far below level / stiffness are those of a spring, damped a little by its loop."""
+    given = {"presliding.level": 4.0, "presliding.stiffness": 25.0, "presliding.damping": 0.0}
+    out = respond(shaft_bench(PRESLIDING, speed=0.02), given, TIMES)["shaft_angle"]
+    np.testing.assert_allclose(out, 0.02 / 5.0 * np.sin(5.0 * TIMES), atol=4e-4)
+
+
+def test_friction_without_stiffness_creeps_by_its_speed() -> None:
+    """v' = -level tanh(damping v / level): sinh(damping v / level) decays with the damping."""
+    given = {"presliding.level": 0.6, "presliding.stiffness": 0.0, "presliding.damping": 2.0}
+    out = respond(shaft_bench(PRESLIDING, speed=1.0), given, TIMES)["shaft_speed"]
+    exact = 0.3 * np.arcsinh(np.sinh(1.0 / 0.3) * np.exp(-2.0 * TIMES))
+    np.testing.assert_allclose(out, exact, atol=1e-9)
 
 
 def test_loaded_friction_decelerates_by_load_and_share_of_it() -> None:

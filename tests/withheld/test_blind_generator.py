@@ -124,6 +124,7 @@ OTHER_LAW = {
     "coulomb_friction": 0.03,
     "load_friction": 0.03,
     "stribeck_friction": 0.06,
+    "presliding_friction": 0.25,
     "hysteresis": 0.15,
     "end_stops": 0.06,
     "backlash": 0.03,

@@ -120,7 +120,7 @@ TORQUES: Chain = (
     *effects_on("load", "constant_load", "gravity_load"),
     place("gear_compliance", compliant_load, "load", "load_acceleration"),
     *effects_on("friction", "load_friction"),
-    *effects_on("load", "viscous_friction", "cogging"),
+    *effects_on("load", "viscous_friction", "presliding_friction", "cogging"),
     place("residual_map", residual_torque, "load"),
     *effects_on("friction", "coulomb_friction", "stribeck_friction"),
     motor.motor_torque,

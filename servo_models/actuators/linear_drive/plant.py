@@ -91,7 +91,7 @@ LOOP: tuple[Block | Placement, ...] = (
 FORCES: tuple[Block | Placement, ...] = (
     drive.external_force,
     *effects_on("friction", "load_friction"),
-    *effects_on("load", "cogging", count=RIPPLE),
+    *effects_on("load", "presliding_friction", "cogging", count=RIPPLE),
     *effects_on("friction", "coulomb_friction", "stribeck_friction", excess={"typical": 0.3}),
     place("residual_map", residual_torque, "load"),
     drive.net_force,

@@ -133,7 +133,7 @@ TORQUES: tuple[Block | Placement, ...] = (
     *effects_on("load", "constant_load", "gravity_load"),
     place("gear_compliance", compliant_load, "load", "load_acceleration"),
     *effects_on("friction", "load_friction"),
-    *effects_on("load", "viscous_friction", "cogging"),
+    *effects_on("load", "viscous_friction", "presliding_friction", "cogging"),
     place("residual_map", residual_torque, "load"),
     *effects_on("friction", "coulomb_friction", "stribeck_friction"),
     servo.net_torque,

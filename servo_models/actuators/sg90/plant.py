@@ -131,7 +131,7 @@ LOOP: tuple[Block | Placement, ...] = (
     *effects_on("load", "constant_load", "gravity_load"),
     place("gear_compliance", compliant_load, "load", "load_acceleration"),
     *effects_on("friction", "load_friction"),
-    *effects_on("load", "viscous_friction", "cogging"),
+    *effects_on("load", "viscous_friction", "presliding_friction", "cogging"),
     place("residual_map", residual_torque, "load"),
     servo.load_voltage,
     *effects_on("loaded_voltage", "thermal_drift"),

@@ -163,7 +163,7 @@ TORQUES: tuple[Block | Placement, ...] = (
     place("coasting_backlash", coasting_load, "load", "coasting_torque"),
     place("gear_compliance", compliant_load, "load", "load_acceleration"),
     *effects_on("friction", "load_friction"),
-    *effects_on("load", "viscous_friction", "cogging"),
+    *effects_on("load", "viscous_friction", "presliding_friction", "cogging"),
     place("residual_map", residual_torque, "load"),
     *effects_on("friction", "coulomb_friction", "stribeck_friction"),
     place("coasting_backlash", coasting_friction, "friction", "coasting_acceleration"),

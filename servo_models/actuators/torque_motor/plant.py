@@ -114,7 +114,7 @@ PLANT = Plant(
         *effects_on("load", "constant_load", "gravity_load"),
         place("gear_compliance", compliant_load, "load", "load_acceleration"),
         *effects_on("friction", "load_friction"),
-        *effects_on("load", "viscous_friction", "cogging"),
+        *effects_on("load", "viscous_friction", "presliding_friction", "cogging"),
         place("residual_map", residual_torque, "load"),
         *effects_on("friction", "coulomb_friction", "stribeck_friction"),
         motor.flux_linkage,

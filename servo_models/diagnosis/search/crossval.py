@@ -57,6 +57,11 @@ class CrossValidation:
         return dispersion(self.errors)
 
     @property
+    def independent(self) -> float:
+        """How many of the errors are independent, at least 1."""
+        return max(float(self.errors @ self.errors) / self.dispersion, 1.0)
+
+    @property
     def rms(self) -> float:
         """Held-out error in noise floors."""
         return rms(self.unseen)

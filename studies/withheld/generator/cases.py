@@ -15,7 +15,7 @@ that is not there, so that the noise tells nothing.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
@@ -124,6 +124,18 @@ def kind_of(seed: int, number: int) -> str:
     return _begun(seed, number)[2]
 
 
+def is_asked(seed: int, number: int, kinds: Container[str], causes: Container[str]) -> bool:
+    """Return whether case ``number`` of ``seed`` is of these kinds, on a rig that has one of the
+    ``causes``, if any are named."""
+    _, rig, kind = _begun(seed, number)
+    return kind in kinds and bool(_named(CATALOGUE[rig.actuator], causes))
+
+
+def _named(known: tuple[Cause, ...], causes: Container[str]) -> tuple[Cause, ...]:
+    """Causes of some names, all where none are named."""
+    return tuple(it for it in known if it.name in causes) if causes else known
+
+
 def _begun(seed: int, number: int) -> tuple[np.random.Generator, Rig, str]:
     """The generator of random numbers of a case, and what it draws first."""
     rng = np.random.default_rng([seed, number])
@@ -131,13 +143,13 @@ def _begun(seed: int, number: int) -> tuple[np.random.Generator, Rig, str]:
     return rng, rig, str(rng.choice(list(KINDS), p=list(KINDS.values())))
 
 
-def draw_case(seed: int, number: int, tier: str) -> Case:
-    """Draw case ``number`` of ``seed``."""
+def draw_case(seed: int, number: int, tier: str, causes: Container[str] = ()) -> Case:
+    """Draw case ``number`` of ``seed``; the first of its causes is one of ``causes``, if named."""
     rng, rig, kind = _begun(seed, number)
     faults = draw_faults(rng) if tier == ROUGH else ()
     experiment = draw_experiment(rig, tier, rng, faults)
     known, foreign = CATALOGUE[rig.actuator], FOREIGN[rig.actuator]
-    main = _find(experiment, foreign if kind == "foreign" else known, rng)
+    main = _find(experiment, foreign if kind == "foreign" else _named(known, causes), rng)
     acting, hidden = [main], []
     if kind == "two":
         acting.append(_second(experiment, known, main, math.exp(rng.uniform(-0.6, 0.6)), rng))

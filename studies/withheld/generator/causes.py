@@ -8,7 +8,8 @@ Left out, since its log cannot show it: ``thermal_drift`` of the torque motor, o
 0.2 s, and of the motor on a current, whose winding stays cold; what a gyro does, as it is never
 judged; what the encoder's angle, the play and the stops of the motor in a speed loop do, as its
 speed is judged; the play behind the encoder, and what its speed does, of the motors that nothing
-holds.
+holds; friction that gives of the motors in a speed loop or on a current, which turn much farther
+than it gives.
 
 Left out, since the generator has no law of it: ``supply_sag``,
 ``error_dead_zone`` and ``drive_lag`` of the smart servo, ``drive_lag`` of the second-order servo,
@@ -166,6 +167,23 @@ def _stribeck(low: float, high: float, slow: float, fast: float) -> Cause:
     return _one("stribeck_friction", "excess", "friction.stiction", low, high, shape=shape)
 
 
+def _presliding(low: float, high: float, soft: float, stiff: float) -> tuple[Cause, ...]:
+    """Friction that gives by a part of a move: a bristle, or Bouc and Wen's law."""
+    same = {"damping": 0.0}
+    return tuple(
+        Cause(
+            "presliding_friction",
+            Quantity("level", level, low, high),
+            (Quantity("stiffness", stiffness, soft, stiff),),
+            same,
+        )
+        for level, stiffness in (
+            ("friction.coulomb", "friction.bristle_stiffness"),
+            ("load.bouc_torque", "load.bouc_stiffness"),
+        )
+    )
+
+
 _WARM = (Quantity("time_constant", "drive.heating_time", 1.0, 2.0),)
 _TURN = Quantity("turn", "drive.turn", 0.1, 2.0, "drive")
 
@@ -193,6 +211,7 @@ _HOBBY: tuple[Cause, ...] = (
     _ripple(5e-4, 0.09, 6.0, 30.0),
     _one("coulomb_friction", "level", "friction.coulomb", 5e-4, 0.09),
     _stribeck(1e-3, 0.09, 0.02, 0.2),
+    *_presliding(1e-3, 0.09, 0.3, 5.0),
     _one("reading_lag", "time_constant", "reading.lag", 1e-3, 0.05),
     _signed("reading_gain", "error", "reading.gain", 5e-3, 0.3),
     _signed("reading_offset", "value", "reading.offset", 0.2 * D, 15.0 * D),
@@ -250,6 +269,7 @@ TORQUE_MOTOR: tuple[Cause, ...] = (
     _ripple(5e-5, 0.02, 100.0, 400.0),
     _one("coulomb_friction", "level", "friction.coulomb", 3e-5, 0.02),
     _stribeck(5e-5, 0.02, 0.01, 0.06),
+    *_presliding(5e-5, 0.02, 1.0, 20.0),
     _one("flux_saturation", "inverse_current", "motor.knee", 20.0, 500.0),
     _signed("flux_saturation", "curvature", "motor.curvature", 3.0, 100.0),
     _one("hysteresis", "half_width", "drive.hysteresis", 5e-5, 3e-3, shape=(_COIL_TURN,)),
@@ -289,6 +309,7 @@ SMART_SERVO: tuple[Cause, ...] = (
     _ripple(5e-3, 0.25, 6.0, 30.0),
     _one("coulomb_friction", "level", "friction.coulomb", 2e-3, 0.25),
     _stribeck(5e-3, 0.25, 0.02, 0.2),
+    *_presliding(5e-3, 0.25, 1.0, 20.0),
 )
 
 PULSE_SERVO: tuple[Cause, ...] = (
@@ -353,6 +374,7 @@ ON_VOLTAGE: tuple[Cause, ...] = (
     _ripple(0.02, 1.5, 50.0, 400.0),
     _one("coulomb_friction", "level", "friction.coulomb", 0.01, 1.5),
     _stribeck(0.03, 1.5, 0.02, 0.2),
+    *_presliding(0.03, 1.5, 2.0, 50.0),
 )
 
 ON_CURRENT: tuple[Cause, ...] = (
@@ -407,15 +429,11 @@ def _causes(
     )
     kink = Quantity("size", "drive.kink_slope", 0.05 / angle, 3.0 / angle, signed=True)
     bend = Quantity("angle", "drive.kink_angle", -0.3 * angle, 0.3 * angle)
-    travel = part("load.bouc_travel", 0.05 * angle, 0.3 * angle, "travel")
     hum = part("outside.hum_frequency", TURN * hertz, TURN * 2.0 * hertz, "frequency")
     square = torque / (speed * speed)
     return (
         Cause("quadratic_drag", part("load.quadratic_drag", 0.02 * square, 2.0 * square)),
         Cause("asymmetric_drag", part("load.forward_drag", 0.02 * torque / speed, torque / speed)),
-        Cause(
-            "bouc_wen_hysteresis", part("load.bouc_torque", 0.01 * torque, 0.6 * torque), (travel,)
-        ),
         Cause("dropped_commands", part("outside.lost_share", 0.03, 0.6)),
         Cause("gain_bursts", part("outside.burst", 3e-3, 0.8)),
         Cause("second_resonance", part("drive.mode_share", 0.03, 1.0), mode),
@@ -429,7 +447,6 @@ def _causes(
 _TORQUES = (
     "quadratic_drag",
     "asymmetric_drag",
-    "bouc_wen_hysteresis",
     "intermittent_sticking",
     "hum",
 )

@@ -24,7 +24,7 @@ import numpy as np
 
 from studies.rig.laws import Array
 from studies.rig.recording import TIME, column, csv, description
-from studies.withheld.generator.cases import CLEAN, KINDS, Acting, Case, draw_case, kind_of
+from studies.withheld.generator.cases import CLEAN, KINDS, Acting, Case, draw_case, is_asked
 from studies.withheld.generator.rigs import LOAD, Rig, Signal
 
 VERSION = 1
@@ -38,11 +38,13 @@ def generate(
     tiers: Sequence[str] = CLEAN,
     progress: Callable[[int, int], None] | None = None,
     kinds: Container[str] = KINDS,
+    causes: Container[str] = (),
 ) -> str:
     """Write cases into a new folder, whole or not at all, and return the seal of their answers.
 
     Case i is of tier i modulo their number, and the same for any number of cases.  Those that are
-    none of ``kinds`` are left out, and do not count.
+    none of ``kinds`` are left out, and do not count; so are rigs without any of the ``causes``, of
+    which the first one is drawn, where some are named.
 
     Raises:
         FileExistsError: the folder is there already.
@@ -54,9 +56,9 @@ def generate(
         part = Path(beside) / folder.name
         part.mkdir()
         answers = []
-        numbers = (number for number in count() if kind_of(seed, number) in kinds)
+        numbers = (number for number in count() if is_asked(seed, number, kinds, causes))
         for number in islice(numbers, cases):
-            case = draw_case(seed, number, tiers[number % len(tiers)])
+            case = draw_case(seed, number, tiers[number % len(tiers)], causes)
             answers.append(write_case(part, f"{number:04d}", case))
             if progress:
                 progress(len(answers), cases)

@@ -116,7 +116,7 @@ class Load(NamedTuple):
     quadratic_drag: float = 0.0
     forward_drag: float = 0.0
     bouc_torque: float = 0.0
-    bouc_travel: float = 1.0
+    bouc_stiffness: float = 0.0
 
 
 class Friction(NamedTuple):
@@ -579,7 +579,8 @@ def rates(x: Array, m: Array, s: Settings, acts: Array, d: Array) -> int:
         load += t.cogging * math.sin(t.cogging_count * x[Q] + t.cogging_phase)
     if t.bouc_torque > 0.0:
         z = x[BOUC]
-        d[BOUC] = (x[W] - z * (0.8 * abs(x[W] * z) + 0.2 * x[W] * z)) / t.bouc_travel
+        d[BOUC] = x[W] - z * (0.8 * abs(x[W] * z) + 0.2 * x[W] * z)
+        d[BOUC] *= t.bouc_stiffness / t.bouc_torque
         load += t.bouc_torque * z
     if s.loop.kind == FIRMWARE:
         regime += firmware_torque(x, m, s, acts, load, d)
