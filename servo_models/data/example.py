@@ -4,32 +4,22 @@ from __future__ import annotations
 
 import math
 import os.path
+from importlib.resources import as_file, files
 from pathlib import Path
 
 import numpy as np
 
-from servo_models.core.simulate import model, simulate
+from servo_models.core.simulate import simulate
+from servo_models.data.parameters import read_parameters
 from servo_models.data.tables import write_signals
 from servo_models.errors import UserError
 from servo_models.files import write_whole
 
-PLAY = math.radians(0.8)  # rad to either side
-FREQUENCY = 26.0  # rad/s, of 30 in the data sheet
+RIG, DESCRIPTION = "example_rig.toml", "example.toml"  # beside this file
 NOISE = math.radians(0.05)
 STEP = 0.01  # s
-GOAL = {0.0: 0, 0.5: 0, 0.51: 30, 1.5: 30, 1.51: -20, 2.5: -20, 4.0: 15, 4.5: 15, 6.0: -5}  # s: deg
-DESCRIPTION = """\
-# A servo on a bus: steps, and slow ways up and down.  Its gears have 0.8 deg of play to either side
-# and its natural frequency is 26 rad/s; the model has no play, and 30 rad/s of the data sheet.
-actuator = "second_order_servo"
-variant = "bus"
-
-[[logs]]
-file = "{log}"
-time = {{ column = "time [s]", unit = "s" }}
-inputs.goal = {{ column = "goal [rad]", unit = "rad" }}
-outputs.angle_reading = {{ column = "angle_reading [rad]", unit = "rad" }}
-"""
+GOAL = {0.0: 0, 0.5: 0, 0.51: 30, 1.5: 30, 1.51: -20, 2.5: -20, 4.0: 15, 4.5: 15, 6.0: -5}
+"""Corners [deg] by their times [s]."""
 
 
 def write_example(path: Path) -> Path:
@@ -46,9 +36,9 @@ def write_example(path: Path) -> Path:
     for file in (path, log):
         if os.path.lexists(file):
             raise UserError(f"'{file}' is there, and is not overwritten: choose another name")
-    rig = model(
-        "second_order_servo", "bus", {"backlash.half_width": PLAY, "natural_frequency": FREQUENCY}
-    )
+    shipped = files("servo_models.data")
+    with as_file(shipped / RIG) as file:
+        rig = read_parameters(file).model()
     times = np.arange(0.0, 6.0, STEP)
     goal = np.radians(np.interp(times, list(GOAL), list(GOAL.values())))
     reading = simulate(rig, times, {"goal": goal})["angle_reading"]
@@ -56,5 +46,5 @@ def write_example(path: Path) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     columns = {"goal": goal, "angle_reading": reading}
     write_signals(log, times, columns, {name: rig.plant.wire[name] for name in columns})
-    write_whole(path, DESCRIPTION.format(log=log.name).encode())
+    write_whole(path, (shipped / DESCRIPTION).read_text("utf-8").replace("LOG", log.name).encode())
     return log
