@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-import matplotlib
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
@@ -20,7 +20,7 @@ pytestmark = pytest.mark.thorough
 @pytest.fixture
 def follow(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     """Runs the cells of a notebook as plain Python, and returns the names they leave."""
-    matplotlib.use("agg")
+    plt.switch_backend("agg")
     monkeypatch.chdir(tmp_path)
 
     def run(name: str) -> dict[str, Any]:
@@ -30,7 +30,7 @@ def follow(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
             if cell["cell_type"] == "code":
                 assert not cell["outputs"]  # what is not saved cannot be out of date
                 exec("".join(cell["source"]), names)
-        matplotlib.pyplot.close("all")
+        plt.close("all")
         return names
 
     return run
