@@ -5,8 +5,8 @@ with their standard errors and the files of simulators; for sets whose licence a
 curves, and a page in which the model runs beside them.
 
 Run: ``SERVO_MODELS_DATA=LOGS python -m studies zoo --out FOLDER [--quick] [CASE ...]``
-(an hour and a half of one core, a quarter of that with ``--quick``).  What is in FOLDER and was
-made of the same description, logs and options is not made again.
+(an hour and a quarter; some minutes with ``--quick``).  What is in FOLDER and was made of the same
+description, logs and options is not made again.
 """
 
 from __future__ import annotations
@@ -17,9 +17,10 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
-from servo_models.data.description import read_description
+from servo_models.data.audit import audits, noise_floors
+from servo_models.data.description import Description, read_description
 from servo_models.data.log import Log
-from servo_models.data.parameters import read_parameters, write_parameters
+from servo_models.data.parameters import ParameterSet, read_parameters, write_parameters
 from servo_models.data.schema import named_files
 from servo_models.diagnosis import summary
 from servo_models.diagnosis.diagnose import Diagnosis, diagnose
@@ -27,6 +28,7 @@ from servo_models.diagnosis.sections import pictures, tables
 from servo_models.errors import UserError
 from servo_models.files import write_whole
 from servo_models.identification.live import live_logs
+from servo_models.identification.starts import with_starts
 from servo_models.report.html import page
 from servo_models.report.live import Live
 from servo_models.report.result import Report
@@ -46,6 +48,7 @@ FILES = {
 PARAMETERS, CURVES, LIVE, PAGE = "parameters.toml", "curves.svg", "live.html", "README.md"
 STOPPED = "stopped"  # first word of the warning of a search that has not tried everything
 ROWS = 700  # most rows of a curve in a live page
+LONGEST_S = 0.04  # longest time between them, where the log has shorter ones
 KEPT_ONE_OF = 2  # rows of a log of which at most one is in a live page
 LOGS = 4  # most logs in a live page
 
@@ -117,51 +120,57 @@ def curves(found: Diagnosis, path: Path) -> None:
 
 def thinned(log: Log) -> Log:
     """A log with few of its rows: what a reader sees of a curve, and nobody's raw data."""
-    return log.at(slice(None, None, max(KEPT_ONE_OF, -(-len(log.times) // ROWS))))
+    wanted, most = -(-len(log.times) // ROWS), int(LONGEST_S / log.interval)
+    every = max(KEPT_ONE_OF, min(wanted, most))
+    return log.at(slice(0, every * ROWS, every))
 
 
-def lively(found: Diagnosis, terms: Terms) -> Report:
+def lively(described: Description, told: ParameterSet, terms: Terms) -> Report:
     """A page in which the model runs beside some of the logs, thinned."""
-    run = [it.log for it in found.selection.taken.problem.runs]
-    logs = [thinned(log) for log in sorted(run, key=lambda it: not it.held_out.any())[:LOGS]]
-    taken = found.selection.taken
+    chosen, every = described.model, described.logs
+    logs = [thinned(log) for log in sorted(every, key=lambda it: not it.held_out.any())[:LOGS]]
+    fitted = [it for it in told.estimates if it.origin == "diagnosed"]
     models = live_logs(
-        found.model,
-        logs,
-        {"diagnosed": taken.values},
-        {value.name: value.standard_error for value in found.found},
-        {*taken.effects, *(free.name for free in taken.problem.free)},
-        found.floors,
+        chosen,
+        with_starts(chosen, logs),
+        {"diagnosed": told.model().values},
+        {it.name: it.standard_error for it in fitted if it.standard_error},
+        {it.name for it in fitted},
+        noise_floors(audits(every, chosen.plant)),
     )
     panel = Live(
         "Measured and simulated",
         "Move a parameter or switch an effect: the model runs in this page.",
         models,
     )
+    first = [f"{it[:1].upper()}{it[1:]}." for it in told.warnings if it.startswith(STOPPED)]
     return Report(
-        found.name,
-        summary.headline(found),
+        described.path.stem,
+        told.method.removeprefix("diagnosis, "),
         remarks=(
-            f"Measured curves: {terms.source}; licence {terms.licence}. They are thinned to at most"
-            f" {ROWS} rows each of {len(logs)} of {len(run)} logs, so errors differ a little from"
-            " those of the diagnosis, which saw every row.",
+            f"Measured curves: {terms.source}; licence {terms.licence}. They are thinned: at most"
+            f" every {KEPT_ONE_OF}nd row, and {ROWS} rows from the beginning, of {len(logs)} of"
+            f" {len(every)} logs. So errors differ a little from those of the diagnosis, which saw"
+            " every row.",
+            *first,
         ),
         sections=(Section("", live=panel),),
     )
 
 
-def entry(name: str, case: Case, found: Diagnosis, folder: Path) -> list[str]:
+def entry(name: str, case: Case, told: Description, found: Diagnosis, folder: Path) -> list[str]:
     """Write the files of a set, and return its page."""
-    write_parameters(found.parameter_set(), folder / PARAMETERS)
+    values = found.parameter_set()
+    write_parameters(values, folder / PARAMETERS)
     lines = [f"# {case.title}", "", f"**{found.verdict.kind}**: {summary.sentence(found)}", ""]
     if terms := SHARED.get(name):
         curves(found, folder / CURVES)
-        write_whole(folder / LIVE, page(lively(found, terms)).encode())
-        told = "Dashed: the nominal model; solid: the diagnosed one; broad: measured"
+        write_whole(folder / LIVE, page(lively(told, values, terms)).encode())
+        drawn = "Dashed: the nominal model; solid: the diagnosed one; broad: measured"
         lines += [
-            f"![{told}]({CURVES})",
+            f"![{drawn}]({CURVES})",
             "",
-            f"{told}. [Move it yourself]({LIVE}): thinned curves; {terms.source}, {terms.licence}.",
+            f"{drawn}. [Move it]({LIVE}): thinned curves; {terms.source}, {terms.licence}.",
             "",
         ]
     else:
@@ -241,10 +250,9 @@ def main() -> None:
             if kept.exists() and kept.read_text("utf-8").rstrip().endswith(mark):
                 print(f"{name}: is there", flush=True)
                 continue
-            found = diagnose(
-                read_description(description), case.tolerance, fmu=True, quick=options.quick
-            )
-            lines = entry(name, case, found, folder)
+            told = read_description(description)
+            found = diagnose(told, case.tolerance, fmu=True, quick=options.quick)
+            lines = entry(name, case, told, found, folder)
         write_whole(kept, "\n".join([*lines, mark, ""]).encode())  # last: so it is whole
         print(f"{name}: {summary.sentence(found)}", flush=True)
     write_whole(options.out / PAGE, "\n".join(index(options.out)).encode())
