@@ -52,16 +52,20 @@ class Told:
     """With the usual tolerance."""
 
 
+def placed(case: Case, folder: Path) -> Path:
+    """Write a case's description into a folder, with its logs where they are; return its path."""
+    text = case.file.read_text(encoding="utf-8")
+    if case.file.parent == PAPERS:
+        subprocess.run([sys.executable, PAPERS / "make_logs.py", folder], check=True)
+    path = folder / case.file.name
+    path.write_text(text.replace('"../logs/', f'"{folder_of_logs().as_posix()}/'))
+    return path
+
+
 def diagnosed(case: Case) -> Told:
     """Diagnose a case, its logs taken from their folder."""
-    text = case.file.read_text(encoding="utf-8")
     with tempfile.TemporaryDirectory() as made:
-        folder = Path(made)
-        if case.file.parent == PAPERS:
-            subprocess.run([sys.executable, PAPERS / "make_logs.py", folder], check=True)
-        path = folder / case.file.name
-        path.write_text(text.replace('"../logs/', f'"{folder_of_logs().as_posix()}/'))
-        told = read_description(path)
+        told = read_description(placed(case, Path(made)))
     begin = time.perf_counter()
     found = diagnose(told, case.tolerance, fmu=True)
     found.document()
