@@ -35,7 +35,7 @@ def presliding_friction(
         float, Param("{load}/{shaft_angle}", "stiffness at rest", default=10.0, high=500.0)
     ],
     damping: Annotated[
-        float, Param("{load}/{shaft_speed}", "damping at rest", default=1.0, high=200.0)
+        float, Param("{load}/{shaft_speed}", "damping at rest", default=1.0, high=5e3)
     ],
     last: Annotated[float, Memory()],
     bend: Annotated[float, Memory()],
