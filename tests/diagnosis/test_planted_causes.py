@@ -295,6 +295,17 @@ THOROUGH = {
     "own valve hardens": own("valve", "stiffness_hardening.coefficient", 4e3, "drag", 450.0),
     "own valve, dead band": own("valve", "dead_band.half_width", 6e3, "fill_time", 0.045),
 }
+LONG = (
+    "late, load",
+    "commands between rows of 12 ms",
+    "commands between uneven rows, play",
+    "goals filtered by 15 ms",
+    "goals filtered, play",
+    "volts in steps of 0.05 V",
+    "motor with offset",
+    "current, load",
+)
+"""Those that are like another one."""
 BEYOND = pytest.mark.xfail(reason="a small load is named beside it, see docs/limits.md")
 
 
@@ -302,7 +313,12 @@ BEYOND = pytest.mark.xfail(reason="a small load is named beside it, see docs/lim
     "planted",
     [
         *(pytest.param(it, id=name) for name, it in QUICK.items()),
-        *(pytest.param(it, id=name, marks=pytest.mark.thorough) for name, it in THOROUGH.items()),
+        *(
+            pytest.param(
+                it, id=name, marks=pytest.mark.long if name in LONG else pytest.mark.thorough
+            )
+            for name, it in THOROUGH.items()
+        ),
         pytest.param(sticking(2.2, 0.3), id="valve", marks=[pytest.mark.thorough, BEYOND]),
     ],
 )

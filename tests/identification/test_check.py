@@ -44,7 +44,7 @@ def fitted(free: tuple[str, ...], count: int = 60) -> Array:
     return np.array([fit(MOTOR, [motor_log(seed)], free, jobs=1).values for seed in range(count)])
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_errors_to_expect_are_those_of_many_fits() -> None:
     found = identifiability(MOTOR, [motor_log()], {"angle": NOISE}, FREE)
     reaches = {reach.name: reach for reach in found.parameters}
