@@ -96,7 +96,7 @@ PLANT = Plant(
         external_load,
         *effects_on("load", "constant_load", "gravity_load"),
         *effects_on("friction", "load_friction"),
-        *effects_on("load", "viscous_friction"),
+        *effects_on("load", "viscous_friction", "presliding_friction"),
         *effects_on("friction", "coulomb_friction", "stribeck_friction"),
         motor,
         shaft_acceleration,

@@ -197,8 +197,9 @@ def actuator_sheet(
     plant = actuator.plant_of(variant)
     of_actuator = [parameter for parameter in plant.parameters.values() if not parameter.owner]
     placed = [parameter for parameter in plant.parameters.values() if parameter.owner]
-    variants = tuple(
-        (v.name, v.about, v.source, ", ".join(map(str, actuator.checked(v.name))) or "never")
+    variants = tuple((v.name, v.about, v.source) for v in actuator.variants)
+    checked = tuple(
+        (v.name, ", ".join(map(str, actuator.checked(v.name))) or "never")
         for v in actuator.variants
     )
     signals = tuple(
@@ -212,11 +213,8 @@ def actuator_sheet(
         f"{actuator.name}: {actuator.title}",
         (actuator.about, f"Source: {actuator.source}.", *warnings(actuator)),
         (
-            Table(
-                "Variants, the first is the default",
-                ("variant", "", "source", "compared with measurements at"),
-                variants,
-            ),
+            Table("Variants, the first is the default", ("variant", "", "source"), variants),
+            Table("Compared with measurements at", ("variant", ""), checked),
             Table("Signals", ("signal", "", "unit", ""), signals),
             Table(
                 "Chain, in the order of evaluation; ~ are effects on that wire",

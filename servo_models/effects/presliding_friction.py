@@ -48,10 +48,10 @@ def presliding_friction(
     """
     if level <= 0.0:
         return load, last, bend
-    moved = (shaft_angle - last) / angle_unit
-    if moved != 0.0:
+    moved = shaft_angle - last
+    if moved != 0.0 and stiffness > 0.0 and angle_unit > 0.0:
         end = 1.0 if moved > 0.0 else -1.0
-        bend = end + (bend - end) * math.exp(-stiffness * abs(moved) / level)
+        bend = end + (bend - end) * math.exp(-stiffness * (abs(moved) / angle_unit / level))
     end = 1.0 if shaft_speed > 0.0 else -1.0
     held = math.exp(-2.0 * damping * abs(shaft_speed) / level)
     share = end + (bend - end) * 2.0 * held / (1.0 + held)

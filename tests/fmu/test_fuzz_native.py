@@ -13,7 +13,7 @@ from servo_models.core.catalogue import actuators
 from servo_models.core.simulate import model
 from tests.fuzz.native import compiled_driver, has, run, subject_of, unpacked
 
-SEQUENCES = {"plain": 80, "sanitize": 50, "valgrind": 10, "threads": 30}
+SEQUENCES = {"plain": 160, "sanitize": 50, "valgrind": 10, "threads": 30}
 THREADS = 3
 has_mode = functools.cache(has)
 

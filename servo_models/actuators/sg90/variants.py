@@ -29,10 +29,9 @@ from dataclasses import replace
 from servo_models.actuators.sg90.plant import HALF_RANGE, OSCILLATORY_PLANT, PAPER_PLANT, PLANT
 from servo_models.core.plant import Variant
 
-PULSES = (544e-6, 2400e-6)  # s, that ask for 0 and 180 degrees
+PULSES = (544e-6, 2400e-6)  # s, that ask for 0 and 180 degrees, as a film of one shows
 PULSE_PER_ANGLE = (PULSES[1] - PULSES[0]) / math.pi  # seconds of pulse per radian
 MIDDLE_PULSE = 0.5 * sum(PULSES)
-LOGGED = (PULSES[0], PULSES[0] + math.radians(135.0) * PULSE_PER_ANGLE)  # s, of the gyro's log
 STALL = 0.1765  # N m at 4.8 V
 FEEDBACK = 0.1  # feedback coefficient K_f
 SUPPLY = 5.0  # V
@@ -64,7 +63,7 @@ MEASURED = Variant(
     },
     stop_time=1.0,
     step_size=1e-3,
-    checked={"pulse_width": LOGGED},
+    checked={"pulse_width": PULSES},
 )
 
 AIRFRAME = replace(
@@ -87,7 +86,7 @@ AIRFRAME = replace(
         }
     ),
     checked={
-        "pulse_width": LOGGED,
+        "pulse_width": PULSES,
         "load_torque": (-STALL, STALL),
         "supply_voltage": (4.8, SUPPLY),
     },

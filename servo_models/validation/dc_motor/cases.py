@@ -15,6 +15,7 @@ GEARED = Motor(30.0, 100.0, 2e-3, ratio=50.0)
 PROMPT = {"winding_lag.time_constant": 0.0}
 ODRIVE = InSpeedLoop(Motor(30.0, 2500.0, 0.1), 5e-4 * 8192.0 / math.tau, 0.05, 10.0)
 HOLDING = replace(ODRIVE, time=0.5, position_gain=20.0)
+MOTEUS = replace(ODRIVE, gain=0.05 / (math.tau * 0.03), time=math.inf, position_gain=80.0)
 
 
 def cases() -> list[Case]:
@@ -108,4 +109,5 @@ def _in_speed_loop() -> list[Case]:
         case("geared", "400 rad/s into the limit, every 0.7 ms", large, geared),
         case("odrive", "60 rad/s and load, every 0.7 ms", small, ODRIVE),
         case("odrive_position", "0.7 rad and load, every 0.7 ms", turned, HOLDING, "position"),
+        case("moteus", "0.7 rad and load, every 0.7 ms", turned, MOTEUS, "position"),
     ]

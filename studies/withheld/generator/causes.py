@@ -232,7 +232,7 @@ SG90: tuple[Cause, ...] = (
     _one("command_quantisation", "step", "command.step", 2e-3, 0.06, "command"),
     _signed("gain_error", "error", "command.gain", 5e-4, 0.1),
     _one("command_offset", "value", "command.offset", 1e-3, 0.08, "command", signed=True),
-    _one("rate_limit", "rate", "command.slew", 30.0, 0.6, "command"),
+    _one("rate_limit", "rate", "command.slew", 200.0, 4.0),
     _signed("sensor_nonlinearity", "bow", "feedback.bow", 2e-3, 0.2),
     _signed("sensor_nonlinearity", "cubic", "feedback.cubic", 3e-3, 0.3),
     _one("sensor_offset", "value", "feedback.offset", 0.01, 0.8, "feedback", signed=True),
