@@ -26,7 +26,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from servo_models.actuators.sg90.plant import HALF_RANGE, OSCILLATORY_PLANT, PAPER_PLANT, PLANT
+from servo_models.actuators.sg90.plant import HALF_RANGE, OSCILLATORY_PLANT, PAPER_PLANT
 from servo_models.core.plant import Variant
 
 PULSES = (544e-6, 2400e-6)  # s, that ask for 0 and 180 degrees, as a film of one shows
@@ -78,13 +78,6 @@ AIRFRAME = replace(
         "coulomb_friction.level": 0.00355,
     },
     source="gyro log of 52 steps, and their friction; stall torque and travel: data sheet",
-    plant=PLANT.rated(
-        rests={
-            "pulse_width": MIDDLE_PULSE,
-            "command_voltage": SUPPLY * MIDDLE_PULSE / FRAME,
-            "feedback_voltage": SUPPLY * MIDDLE_PULSE / FRAME / FEEDBACK,
-        }
-    ),
     checked={
         "pulse_width": PULSES,
         "load_torque": (-STALL, STALL),

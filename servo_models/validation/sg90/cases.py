@@ -49,7 +49,7 @@ def _real() -> list[Case]:
             "too far, overloaded and without pulses, every 3.1 ms",
             odd,
             {
-                "pulse_width": schedule(odd, (0, 1.472e-3), (0.1, 5e-3), (0.6, 0.8e-3), (1.3, 0.0)),
+                "pulse_width": schedule(odd, (0, 1.5e-3), (0.1, 5e-3), (0.6, 0.8e-3), (1.3, 0.0)),
                 "load_torque": schedule(odd, (0, 0.0), (0.8, 0.25), (1.2, 0.003), (1.5, -0.01)),
                 "supply_voltage": 5.0,
             },

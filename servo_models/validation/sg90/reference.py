@@ -272,17 +272,17 @@ class RealServo:
     start: ClassVar[Sequence[float]] = (0.0, 0.0)
     scale: ClassVar[Sequence[float]] = (1.6, 250.0)
     longest_step: ClassVar[float] = 2e-3
-    rest: ClassVar[float] = REST
+    middle: ClassVar[float] = REST
 
     def __call__(self, times: Array, inputs: Mapping[str, Array]) -> dict[str, Array]:
         """Response with located events; inputs pulse_width, load_torque, supply_voltage."""
-        pulses = changes(times, inputs["pulse_width"], REAL_DELAY, self.rest)
+        pulses = changes(times, inputs["pulse_width"], REAL_DELAY, REST)
         others = [changes(times, inputs[name]) for name in ("load_torque", "supply_voltage")]
         return _named(follow(self, times, [pulses, *others]))
 
     def wanted(self, x: Array, u: Values) -> float:
         """Voltage [V] that the amplifier would give without a limit."""
-        return REAL_A * (VOLTS_PER_SECOND * (u[0] - self.rest) - REAL_BACK * float(x[0]))
+        return REAL_A * (VOLTS_PER_SECOND * (u[0] - self.middle) - REAL_BACK * float(x[0]))
 
     def enter(self, x: Array, u: Values) -> tuple[Key, Array]:
         """At either limit, or between."""
@@ -311,7 +311,7 @@ class RealServo:
         limit = abs(u[2])
         volts = min(max(self.wanted(x, u), -limit), limit)
         angle, speed = float(x[0]), float(x[1])
-        feedback = (VOLTS_PER_SECOND * self.rest + REAL_BACK * angle) / 0.1
+        feedback = (VOLTS_PER_SECOND * self.middle + REAL_BACK * angle) / 0.1
         full = 1.0 if abs(volts) >= limit else 0.0
         return angle, speed / GEAR, feedback, volts, speed, full
 
@@ -328,7 +328,7 @@ class Airframe(RealServo):
     where there are no pulses.  A regime is a drive and a direction of motion.
     """
 
-    rest: ClassVar[float] = 0.5 * (544e-6 + 2400e-6)
+    middle: ClassVar[float] = 0.5 * (544e-6 + 2400e-6)
 
     def wanted(self, x: Array, u: Values) -> float:
         """Voltage [V] that the amplifier would give without a limit."""
