@@ -75,7 +75,7 @@ class Content(NamedTuple):
     flags: frozenset[int]
     """Value references of Boolean variables; the others are Real."""
     checked: list[tuple[float, float, str]]
-    """Of every input, or of none: where it was compared with measurements, what beyond means."""
+    """Of every input, or of none: where it was checked, and what beyond means."""
 
 
 class RefusedError(RuntimeError):

@@ -214,7 +214,7 @@ def actuator_sheet(
         (actuator.about, f"Source: {actuator.source}.", *warnings(actuator)),
         (
             Table("Variants, the first is the default", ("variant", "", "source"), variants),
-            Table("Compared with measurements at", ("variant", ""), checked),
+            Table("Checked against measurements or a data sheet at", ("variant", ""), checked),
             Table("Signals", ("signal", "", "unit", ""), signals),
             Table(
                 "Chain, in the order of evaluation; ~ are effects on that wire",

@@ -378,8 +378,8 @@ class Variant:
     ``stop_time`` and ``step_size`` [s] are its default experiment where the actuator's is
     not for it.  ``command`` is the input that moves it where that is not the actuator's main one:
     ``check --init`` proposes the variant for a log of that input.  ``checked`` holds from where to
-    where [SI] inputs went while it was compared with measurements, the others at rest; it is empty
-    where it never was.
+    where [SI] inputs went while it was checked against measurements or a data sheet, the others at
+    rest; it is empty where it never was.
     """
 
     name: str
@@ -397,7 +397,8 @@ class Variant:
 
 @dataclass(frozen=True)
 class Checked:
-    """From where to where [SI] an input went while a variant was compared with measurements."""
+    """From where to where [SI] an input went while a variant was checked, by measurements or a data
+    sheet."""
 
     wire: Wire
     low: float
@@ -414,8 +415,8 @@ class Checked:
     def beyond(self) -> str:
         """What an input outside means."""
         return (
-            f"'{self.wire.name}' is not where variant '{self.variant}' was compared with"
-            f" measurements ({self})"
+            f"'{self.wire.name}' is not where variant '{self.variant}' was checked against"
+            f" measurements or a data sheet ({self})"
         )
 
 
@@ -520,7 +521,7 @@ class Actuator:
                 ("input of the standard step", self.step[:1], inputs),
                 ("command of a variant", filter(None, [variant.command]), inputs),
                 ("parameter with an uncertainty", variant.uncertainty, plant.parameters),
-                ("input compared with measurements", variant.checked, inputs),
+                ("input that was checked", variant.checked, inputs),
                 ("parameter known to the grey box", known_to_box, plant.parameters),
             ):
                 check_known(kind, names, known, error=ValueError)
@@ -542,8 +543,7 @@ class Actuator:
         return known[name]
 
     def checked(self, variant: str | None = None) -> tuple[Checked, ...]:
-        """Return, of every input, where it was while a variant was compared with measurements; none
-        where it never was."""
+        """Return, of every input, where it was while a variant was checked; none if never."""
         chosen = self.variant(variant)
         return tuple(
             Checked(wire, *chosen.checked.get(wire.name, 2 * (float(wire.rest),)), chosen.name)

@@ -63,6 +63,6 @@ def test_an_input_that_nobody_has_checked_is_told_once(fmu_folder: Callable[[str
             host.fmu.doStep(1e-3 * k, 1e-3)
         ((status, text),) = host.messages
     assert status == WARNING
-    assert "'voltage' is not where variant 'measured' was compared" in text
+    assert "'voltage' is not where variant 'measured' was checked" in text
     assert "voltage -40 to 40 V" in text
     assert "at t = 0.003 s" in text
