@@ -28,23 +28,28 @@ def presliding_friction(
     shaft_angle: float,
     shaft_speed: float,
     angle_unit: float,
+    full_speed: float,
     level: Annotated[
         float, Param("signal", "sliding friction torque", high=0.5, switch=True, typical=0.05)
     ],
     stiffness: Annotated[
         float, Param("{load}/{shaft_angle}", "stiffness at rest", default=10.0, high=500.0)
     ],
-    damping: Annotated[
-        float, Param("{load}/{shaft_speed}", "damping at rest", default=1.0, high=5e3)
+    speed: Annotated[
+        float,
+        Param(
+            "1", "speed that slides, as a fraction of full speed", default=0.05, low=5e-4, high=0.5
+        ),
     ],
     last: Annotated[float, Memory()],
     bend: Annotated[float, Memory()],
 ) -> tuple[float, float, float]:
     """Adds level z, which gets to the direction of motion within a travel of level / stiffness,
-    or at a speed of level / damping.
+    or at the speed that slides.
 
-    level z' = stiffness (v - abs(v) z), solved exactly between two commits; the damping is that
-    z which this speed alone would make.  Without stiffness it is Coulomb friction that creeps.
+    level z' = stiffness (v - abs(v) z), solved exactly between two commits; the damping at rest,
+    level / speed, makes z the tanh(v / speed) that this speed alone would make.  Without stiffness
+    it is Coulomb friction that creeps; much beyond the speed that slides it would be viscous.
     """
     if level <= 0.0:
         return load, last, bend
@@ -53,6 +58,6 @@ def presliding_friction(
         end = 1.0 if moved > 0.0 else -1.0
         bend = end + (bend - end) * math.exp(-stiffness * (abs(moved) / angle_unit / level))
     end = 1.0 if shaft_speed > 0.0 else -1.0
-    held = math.exp(-2.0 * damping * abs(shaft_speed) / level)
+    held = math.exp(-2.0 * abs(shaft_speed) / (speed * full_speed))
     share = end + (bend - end) * 2.0 * held / (1.0 + held)
     return load + level * share, shaft_angle, bend

@@ -120,7 +120,7 @@ def test_stribeck_curve_slows_the_mass_as_the_equation_says() -> None:
 
 def test_friction_that_gives_takes_the_energy_of_its_law() -> None:
     """Dahl's: v^2 / 2 falls by the integral of level (1 - exp(-stiffness x / level)) on the way."""
-    given = {"presliding.level": 0.4, "presliding.stiffness": 3.0, "presliding.damping": 0.0}
+    given = {"presliding.level": 0.4, "presliding.stiffness": 3.0, "presliding.speed": 1e9}
     out = respond(shaft_bench(PRESLIDING, speed=1.3), given, TIMES)
     x, v = out["shaft_angle"], out["shaft_speed"]
     assert v.min() > 0.5
@@ -130,14 +130,14 @@ def test_friction_that_gives_takes_the_energy_of_its_law() -> None:
 
 def test_friction_that_gives_springs_back() -> None:
     """Moves far below level / stiffness are those of a spring, damped a little by its loop."""
-    given = {"presliding.level": 4.0, "presliding.stiffness": 25.0, "presliding.damping": 0.0}
+    given = {"presliding.level": 4.0, "presliding.stiffness": 25.0, "presliding.speed": 1e9}
     out = respond(shaft_bench(PRESLIDING, speed=0.02), given, TIMES)["shaft_angle"]
     np.testing.assert_allclose(out, 0.02 / 5.0 * np.sin(5.0 * TIMES), atol=4e-4)
 
 
 def test_friction_without_stiffness_creeps_by_its_speed() -> None:
-    """v' = -level tanh(damping v / level): sinh(damping v / level) decays with the damping."""
-    given = {"presliding.level": 0.6, "presliding.stiffness": 0.0, "presliding.damping": 2.0}
+    """v' = -level tanh(v / speed): sinh(v / speed) decays with level / speed."""
+    given = {"presliding.level": 0.6, "presliding.stiffness": 0.0, "presliding.speed": 0.03}
     out = respond(shaft_bench(PRESLIDING, speed=1.0), given, TIMES)["shaft_speed"]
     exact = 0.3 * np.arcsinh(np.sinh(1.0 / 0.3) * np.exp(-2.0 * TIMES))
     np.testing.assert_allclose(out, exact, atol=1e-9)

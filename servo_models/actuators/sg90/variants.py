@@ -77,7 +77,7 @@ AIRFRAME = replace(
         "end_stops.half_range": math.radians(95.0),
         "coulomb_friction.level": 0.00355,
     },
-    source="gyro log of 52 steps, and their friction; stall torque and travel: data sheet",
+    source="gyro log of 52 steps; travel, stall torque: data sheet",
     checked={
         "pulse_width": PULSES,
         "load_torque": (-STALL, STALL),

@@ -169,7 +169,7 @@ def _stribeck(low: float, high: float, slow: float, fast: float) -> Cause:
 
 def _presliding(low: float, high: float, soft: float, stiff: float) -> tuple[Cause, ...]:
     """Friction that gives by a part of a move: a bristle, or Bouc and Wen's law."""
-    same = {"damping": 0.0}
+    same = {"speed": 0.3}
     return tuple(
         Cause(
             "presliding_friction",
