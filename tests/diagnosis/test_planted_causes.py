@@ -296,6 +296,15 @@ THOROUGH = {
     "own valve, dead band": own("valve", "dead_band.half_width", 6e3, "fill_time", 0.045),
 }
 LONG = (
+    "30 ms late",
+    "late, sensor lag",
+    "goal in another scale",
+    "goals of a smart servo filtered",
+    "motor under load",
+    "current, offset",
+    "own servo is late",
+    "own damper, two ways",
+    "own valve hardens",
     "late, load",
     "commands between rows of 12 ms",
     "commands between uneven rows, play",
@@ -319,7 +328,7 @@ BEYOND = pytest.mark.xfail(reason="a small load is named beside it, see docs/lim
             )
             for name, it in THOROUGH.items()
         ),
-        pytest.param(sticking(2.2, 0.3), id="valve", marks=[pytest.mark.thorough, BEYOND]),
+        pytest.param(sticking(2.2, 0.3), id="valve", marks=[pytest.mark.long, BEYOND]),
     ],
 )
 def test_what_was_planted_is_named_with_its_size(planted: Planted) -> None:

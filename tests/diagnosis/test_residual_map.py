@@ -76,6 +76,7 @@ def dragged(tmp_path_factory: pytest.TempPathFactory) -> tuple[Case, FittedModel
 Dragged = tuple[Case, FittedModel, ResidualMap]
 
 
+@pytest.mark.long
 def test_a_quadratic_drag_is_learnt_as_such(dragged: Dragged) -> None:
     case, fitted, found = dragged
     assert found.size == "torque"
@@ -142,7 +143,7 @@ def test_a_model_that_has_a_map_on_is_given_no_other(dragged: Dragged, tmp_path:
     assert learn(retuned(replace(told, model=model))) is None
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_it_goes_from_the_log_into_a_parameter_file(dragged: Dragged, tmp_path: Path) -> None:
     case, *_ = dragged
     found = diagnose(description_of(case, tmp_path), jobs=1)

@@ -69,15 +69,20 @@ def smallest_errors(rig: Model, outputs: dict[str, float], priors: dict[str, flo
     return np.asarray(sizes * np.linalg.norm(np.linalg.inv(left), axis=1))
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("outputs", "effect", "apart"),
     [
-        (("encoder_speed",), {}, 0.1),
-        (("encoder_speed", "current"), {}, 0.1),
-        (("encoder_angle",), {}, 0.4),  # along a curved valley searches end early
-        (("encoder_angle", "current"), {}, 0.1),
-        (("encoder_speed", "current"), {"coulomb_friction.level": 3e-3}, 0.1),
+        pytest.param(("encoder_speed",), {}, 0.1, marks=pytest.mark.long),
+        pytest.param(("encoder_speed", "current"), {}, 0.1, marks=pytest.mark.thorough),
+        # along a curved valley searches end early
+        pytest.param(("encoder_angle",), {}, 0.4, marks=pytest.mark.thorough),
+        pytest.param(("encoder_angle", "current"), {}, 0.1, marks=pytest.mark.long),
+        pytest.param(
+            ("encoder_speed", "current"),
+            {"coulomb_friction.level": 3e-3},
+            0.1,
+            marks=pytest.mark.thorough,
+        ),
     ],
 )
 def test_both_commands_tell_the_same_of_one_log(

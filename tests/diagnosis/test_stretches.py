@@ -53,7 +53,7 @@ def told(true: dict[str, float], seed: int) -> Log:
     return replace(log, name=f"run {seed}")
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_logs_of_two_servos_are_told_apart() -> None:
     found = diagnosed(told(ONE, 0), told(OTHER, 1))
     assert found.verdict.kind == OUTSIDE
@@ -65,7 +65,7 @@ def test_logs_of_two_servos_are_told_apart() -> None:
     assert found.document()["parts"][1]["log"] == "run 1"
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_change_midway_is_told() -> None:
     goal, half = moves(0), np.arange(len(TIMES)) < len(TIMES) // 2
     reading = np.where(half, angle(ONE, goal, 0), angle(OTHER, goal, 1))
@@ -95,7 +95,7 @@ def test_a_log_that_no_fit_sees_is_no_part() -> None:
     assert [one.half for one in found.parts] == ["first", "second"]
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 def test_ctrl_c_while_parts_are_fitted_ends_that(monkeypatch: pytest.MonkeyPatch) -> None:
     before = signal.signal(signal.SIGINT, signal.default_int_handler)

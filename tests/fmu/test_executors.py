@@ -299,14 +299,15 @@ ROUNDING = 1e-14
 SHARE_OF_FMUS = 4
 """They run one case in so many, since each is run four times."""
 SAME_EQUATIONS = ("sg90_linear", "measured")
-TWINS = ("dc_motor_current", "dc_motor_speed", "torque_motor_torque")
-"""Actuators all of whose blocks others have."""
+EVERYWHERE = ("C", "native FMU")
+FEW = (QUICK, "sg90", "second_order_servo")
+"""Actuators that have all forms of a block between them: the others run as they are shipped."""
 
 
 def marks(name: str, executor: str) -> list[pytest.MarkDecorator]:
     found = [in_c_only] if executor == "C" else []
-    in_few = {"JavaScript in a browser": (QUICK,), "numba": (QUICK, "sg90")}
-    if name in TWINS or name not in in_few.get(executor, MODELS):
+    in_few = {"JavaScript in a browser": (QUICK,), "numba": (QUICK,)}
+    if executor not in EVERYWHERE and name not in in_few.get(executor, FEW):
         return [*found, pytest.mark.long]
     return found if name == QUICK and executor not in SLOW else [*found, pytest.mark.thorough]
 

@@ -206,7 +206,7 @@ def chosen_for_the_motor() -> TransferResult:
     return identify_transfer(logs, model=MOTOR, structures=structures)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_third_order_with_delay_is_chosen_for_the_torque_motor(
     chosen_for_the_motor: TransferResult,
 ) -> None:

@@ -102,7 +102,7 @@ def test_the_model_moves_as_mujoco_moves_the_joint(
     assert ours == pytest.approx(engine, abs=within * np.ptp(engine))
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_diagnosis_says_what_the_joint_lacks(tmp_path: Path) -> None:
     """A joint with late commands and play, both put in here, beside what its MJCF says."""
     found = nominal(f"{robot(tmp_path)}#elbow", "0.002 kg.m2")

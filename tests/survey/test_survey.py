@@ -63,7 +63,7 @@ def test_broken_logs_are_rows_and_the_rest_finishes(tmp_path: Path, run: Run) ->
     [
         ("os._exit(3)", "exit code 3"),
         ("os.kill(os.getpid(), 11)", "exit code -11"),
-        ("time.sleep(600)", "does not answer within"),
+        pytest.param("time.sleep(600)", "does not answer within", marks=pytest.mark.long),
     ],
 )
 def test_a_job_that_crashes_or_hangs_ends_alone(

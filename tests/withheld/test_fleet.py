@@ -97,7 +97,7 @@ def test_figures_counted_by_hand() -> None:
     }
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_small_fleet_is_surveyed_without_its_answers(tmp_path: Path) -> None:
     out = tmp_path / "study"
     fleet.write(out, "small", fleet.drawn(2, 2, joints=2))
