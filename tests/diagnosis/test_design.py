@@ -38,6 +38,7 @@ from tests.conftest import Run
 from tests.support.logs import changed, measured
 from tests.support.two_levels import DEAD_ZONE, FLOOR, HEAD, STEP, TWO_LEVELS, record
 
+SECOND_LOG = Path(__file__).parents[2] / "docs" / "studies" / "second_log.md"
 KNOWN = {"resistance": 36.3, "stiffness": 0.011, "rotor_inertia": 7e-9}
 """Standard deviations: the constants of Table 1 to 1 %."""
 
@@ -135,8 +136,12 @@ def test_the_table_that_the_command_wrote_closes_the_loop(run: Run, tmp_path: Pa
 def test_the_instruction_can_be_followed(verdict: Verdict, planned: Experiment) -> None:
     assert planned.explanations == tuple(rival.effects for rival in verdict.rivals[: design.MOST])
     names = {name for effects in planned.explanations for name in effects}
-    for word in (*names, "on voltage for", " V", "log angle at 2000 Hz", "Expected to leave"):
+    for word in (*names, "on voltage for", " V", "log angle at 2000 Hz"):
         assert word in planned.text
+    (table,) = re.findall(r"^\| all \|.*$", SECOND_LOG.read_text("utf-8"), re.MULTILINE)
+    right, rigs = re.findall(r"\*\*([\d.]+)\*\* \(.*?\) of (\d+)", table)[0]
+    assert int(rigs) >= 60
+    assert f"Of withheld rigs {float(right):.0%} ended so" in planned.text
     assert np.all(np.abs(planned.command) <= 30.0)  # the actuator's standard step
 
 
