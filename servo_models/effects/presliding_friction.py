@@ -51,7 +51,7 @@ def presliding_friction(
     level / speed, makes z the tanh(v / speed) that this speed alone would make.  Without stiffness
     it is Coulomb friction that creeps; much beyond the speed that slides it would be viscous.
     """
-    if level <= 0.0:
+    if level <= 0.0 or full_speed <= 0.0:
         return load, last, bend
     moved = shaft_angle - last
     if moved != 0.0 and stiffness > 0.0 and angle_unit > 0.0:
