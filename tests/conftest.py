@@ -38,6 +38,15 @@ MODELS = {
 
 QUICK = ("sg90", "torque_motor", "dc_motor", "sg90_torque")
 """Models with which a test of FMUs is quick; with the others the same test is thorough."""
+TWINS = (
+    "sg90_linear",
+    "oscillatory",
+    "measured",
+    "dc_motor_current",
+    "dc_motor_speed",
+    "torque_motor_torque",
+)
+"""Models of blocks that others have as well: with them it is long."""
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -46,7 +55,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         call, asked = getattr(item, "callspec", None), getattr(item, "fixturenames", ())
         name = call.params.get("name") if call else None
         if name in MODELS and name not in QUICK and {"fmu_file", "fmu_folder"} & {*asked}:
-            item.add_marker(pytest.mark.thorough)
+            item.add_marker(pytest.mark.long if name in TWINS else pytest.mark.thorough)
 
 
 def built_once(factory: pytest.TempPathFactory, name: str, kind: str = PYTHON) -> Path:

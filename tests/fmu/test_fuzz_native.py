@@ -118,8 +118,13 @@ FAULTS = {
 }
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("name", FAULTS)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.thorough if i % 3 == 0 else pytest.mark.long)
+        for i, name in enumerate(FAULTS)
+    ],
+)
 def test_it_finds_a_planted_fault(name: str, small: Path, scratch: Path, tmp_path: Path) -> None:
     mode, right, wrong = FAULTS[name]
     fmu = tmp_path / "fmu"
