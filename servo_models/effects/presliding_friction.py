@@ -37,19 +37,17 @@ def presliding_friction(
     ],
     speed: Annotated[
         float,
-        Param(
-            "1", "speed that slides, as a fraction of full speed", default=0.05, low=5e-4, high=0.5
-        ),
+        Param("1", "speed above which it slides, of full speed", default=0.05, low=5e-4, high=0.5),
     ],
     last: Annotated[float, Memory()],
     bend: Annotated[float, Memory()],
 ) -> tuple[float, float, float]:
-    """Adds level z, which gets to the direction of motion within a travel of level / stiffness,
-    or at the speed that slides.
+    """Adds level z. After a reversal z turns to the new direction within a travel of level /
+    stiffness, or as soon as ``speed`` is passed.
 
     level z' = stiffness (v - abs(v) z), solved exactly between two commits; the damping at rest,
     level / speed, makes z the tanh(v / speed) that this speed alone would make.  Without stiffness
-    it is Coulomb friction that creeps; much beyond the speed that slides it would be viscous.
+    it is Coulomb friction that creeps; with a higher ``speed`` it would be viscous friction.
     """
     if level <= 0.0 or full_speed <= 0.0:
         return load, last, bend
