@@ -107,9 +107,13 @@ def test_a_staircase_is_sought_beside_a_single_effect() -> None:
     fitter, every = made(causes)
     offset, steps = (every[name.partition(".")[0]] for name in causes)
     search = selection_of(fitter, [offset, steps])
-    search.keep(fitter.fit((offset.name,), offset.free))
+    both = ((offset.name, steps.name), [*offset.free, *steps.free])
+    wrong = fitter.fit(*both, {"command_quantisation.step": 2.0})
+    for model in (fitter.fit((offset.name,), offset.free), wrong):
+        search.keep(model)
     search.search_grids_beside()
-    found = search.models[frozenset({offset.name, steps.name})]
+    found = search.models[frozenset(both[0])]
+    assert not wrong.settled
     assert found.values["command_quantisation.step"] == pytest.approx(3.137, rel=1e-3)
     assert found.settled
 

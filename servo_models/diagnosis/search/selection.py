@@ -389,14 +389,16 @@ class SubsetSelection:
         self.screener = Screener(self.every, self.results, self.screener)
 
     def search_grids_beside(self) -> None:
-        """Screen discontinuous effects at all their values beside the best single effects: without
-        one of these, the right value looks like any other."""
+        """Screen discontinuous effects of the best pairs at all their values beside the best single
+        effects: without one of these, the right value looks like any other."""
+        named = {name for pair in self.best(2)[: self.settings.bases] for name in pair.effects}
         for base in self.bases(1)[: self.settings.bases]:
-            others = [one for one in self.every if one.name not in base.effects]
-            short = shortlist(self.fitter_of(base), base, others)
+            again = [it for it in self.every if it.name in named - {*base.effects}]
+            fit = partial(fit_with, self.fitter_of(base), base)
+            results = screen((base.linearised,), shortlist(self.fitter_of(base), base, again))
             least = self.settings.promised_cost * base.cost
-            results = screen((base.linearised,), short)
-            self.add(base, promising(results, least, self.settings.fits_beside))
+            likely = promising(results, least, self.settings.fits_beside)
+            self.fit([((*base.causes, name), partial(fit, sizes)) for name, sizes in likely])
 
     # -- exchanging --------------------------------------------------------------------------------
 
