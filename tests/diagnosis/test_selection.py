@@ -109,8 +109,8 @@ def test_a_staircase_is_sought_beside_a_single_effect() -> None:
     search = selection_of(fitter, [offset, steps])
     both = ((offset.name, steps.name), [*offset.free, *steps.free])
     wrong = fitter.fit(*both, {"command_quantisation.step": 2.0})
-    for model in (fitter.fit((offset.name,), offset.free), wrong):
-        search.keep(model)
+    search.keep(fitter.fit((offset.name,), offset.free))
+    search.keep(wrong)
     search.search_grids_beside()
     found = search.models[frozenset(both[0])]
     assert not wrong.settled

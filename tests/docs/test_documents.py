@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.stats import binomtest
 
 from servo_models.core.catalogue import actuators, effects
 from servo_models.diagnosis.schema import DiagnosisDocument
@@ -39,6 +40,14 @@ SHARES = {
     "what is told with 90 to 99 % is there": "sure_ones_right",
 }
 """What the README says, by the figure's name in ``docs/studies/blind.md``."""
+_NUMBER = r"(1\.0+|1|0?\.\d+)"
+SHARE_OF = re.compile(
+    rf"{_NUMBER} \({_NUMBER} to {_NUMBER}\) of (\d+)\b(?! \d)"
+    rf"|\| {_NUMBER} \| {_NUMBER} to {_NUMBER} \| (\d+) \|"
+)
+"""A share, its interval of 95 % and the number of cases."""
+MEANS = ("closed_vs_oracle", "calibration_error", "log_loss")
+"""Figures of the studies that are no shares."""
 every_page = pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(ROOT)))
 
 
@@ -96,6 +105,25 @@ def test_the_shares_of_the_readme_are_those_of_the_study() -> None:
     assert "That is {:.0%} of the clean logs and {:.0%} of the hard".format(
         *now("separated")
     ).replace("%", " %") in " ".join(README.split())
+
+
+@every_page
+def test_shares_are_of_whole_cases_and_have_the_intervals_of_wilson(page: Path) -> None:
+    lines = page.read_text(encoding="utf-8").replace("*", "").splitlines()
+    for line in (it for it in lines if not any(name in it for name in MEANS)):
+        for found in SHARE_OF.findall(line):
+            *told, cases = (it for it in found if it)
+            half = [0.51 * 10.0 ** -len(it.partition(".")[2]) for it in told]
+
+            def agrees(
+                count: int, told: list[str] = told, half: list[float] = half, n: int = int(cases)
+            ) -> bool:
+                interval = binomtest(count, n).proportion_ci(0.95, "wilson")
+                off = np.array([count / n, *interval]) - np.array(told, float)
+                return bool(np.all(np.abs(off) <= half))
+
+            near = round(float(told[0]) * int(cases))
+            assert any(map(agrees, range(max(near - 2, 0), min(near + 2, int(cases)) + 1))), line
 
 
 def test_the_keys_of_a_diagnosis_in_json_are_those_of_its_schema() -> None:
