@@ -117,23 +117,22 @@ def test_the_real_logs_of_the_readme_are_those_of_the_study() -> None:
     assert told in " ".join(README.split())
 
 
+def with_interval(count: int, cases: int) -> np.ndarray:
+    """A share and its interval of 95 %, after Wilson, shape (3,)."""
+    return np.array([count / cases, *binomtest(count, cases).proportion_ci(0.95, "wilson")])
+
+
 @every_page
 def test_shares_are_of_whole_cases_and_have_the_intervals_of_wilson(page: Path) -> None:
     lines = page.read_text(encoding="utf-8").replace("*", "").splitlines()
     for line in (it for it in lines if not any(name in it for name in MEANS)):
         for found in SHARE_OF.findall(line):
-            *told, cases = (it for it in found if it)
-            half = [0.51 * 10.0 ** -len(it.partition(".")[2]) for it in told]
-
-            def agrees(
-                count: int, told: list[str] = told, half: list[float] = half, n: int = int(cases)
-            ) -> bool:
-                interval = binomtest(count, n).proportion_ci(0.95, "wilson")
-                off = np.array([count / n, *interval]) - np.array(told, float)
-                return bool(np.all(np.abs(off) <= half))
-
-            near = round(float(told[0]) * int(cases))
-            assert any(map(agrees, range(max(near - 2, 0), min(near + 2, int(cases)) + 1))), line
+            *told, count = (it for it in found if it)
+            cases, rounding = int(count), [0.51 * 10.0 ** -len(it.partition(".")[2]) for it in told]
+            near = round(float(told[0]) * cases)
+            counts = range(max(near - 2, 0), min(near + 2, cases) + 1)
+            off = np.abs([with_interval(it, cases) - np.array(told, float) for it in counts])
+            assert np.any(np.all(off <= rounding, axis=1)), line
 
 
 def test_the_keys_of_a_diagnosis_in_json_are_those_of_its_schema() -> None:

@@ -24,8 +24,9 @@ STEPS = 60  # communication steps of a run
 SMALLEST = 1e-4  # smallest magnitude that is drawn where a bound is 0 or below, of the largest
 ALLOWED = 1e-3  # change with half the internal step that a quiet run may show, in full scales
 BEYOND = "went beyond the range of its curve"
-UNCHECKED = "checked against measurements"  # says nothing of the numbers
 """A warning that doubts no number: a curve of a residual map is held, or its ends are crossed."""
+UNCHECKED = "checked against measurements"
+"""Another one: an input left what a variant was checked at."""
 FAR = 100.0  # full scales that no quiet run may pass
 LONGEST = 10.0  # seconds of processor time that a run may take
 

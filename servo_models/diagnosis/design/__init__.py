@@ -706,9 +706,9 @@ def _steps(designer: ExperimentDesigner, action: Action, designed: Experiment) -
         for number, other in enumerate(changed, 2):
             yield f"In the description, log {number} has {constants_of(other)}."
         yield (
-            f"By these models it leaves {designed.decides:.0%} to the right one of"
-            f" {_listed(names)}; the likeliest has {designed.weights.max():.0%} now. Of withheld"
-            f" rigs {DECIDED_SHARE:.0%} ended so. Takes about"
+            f"By these models the right one of {_listed(names)} is then expected to have"
+            f" {designed.decides:.0%}; the likeliest has {designed.weights.max():.0%} now. Of"
+            f" withheld rigs {DECIDED_SHARE:.0%} ended with the right one alone. Takes about"
             f" {math.ceil(designed.seconds / 60.0)} min."
         )
     else:
