@@ -13,18 +13,42 @@ import subprocess
 import sys
 import threading
 import weakref
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, Generic, TypeVar
 
 from servo_models.errors import UserError
 
 SERVE = "from servo_models.foreign.child import serve; serve()"
 SECONDS = 60.0  # s that one run may take
 GRACE = 5.0  # s that a process may take to end
+T = TypeVar("T")
+
+
+class Pool(Generic[T]):
+    """As many of a thing as calls go on together; each call has one to itself.
+
+    ``known`` are there already; ``make`` gives another one.
+    """
+
+    def __init__(self, make: Callable[[], T], *known: T) -> None:
+        self._make, self._idle = make, [*known]
+
+    @contextmanager
+    def one(self) -> Iterator[T]:
+        """One that nobody else has until the end of ``with``."""
+        try:
+            lent = self._idle.pop()
+        except IndexError:
+            lent = self._make()
+        try:
+            yield lent
+        finally:
+            self._idle.append(lent)
 
 
 class Child:
-    """A function, called in another process.
+    """A function, called in another process, one call at a time.
 
     Args:
         make: of a module that can be imported; called there with ``arguments``, it gives the
@@ -43,7 +67,6 @@ class Child:
         cure: str = "make a run shorter",
     ) -> None:
         self.begin, self.seconds, self.what, self.cure = (make, arguments), seconds, what, cure
-        self._lock = threading.Lock()
         self._process: subprocess.Popen[bytes] | None = None
 
     def __call__(self, *given: Any) -> Any:
@@ -52,25 +75,28 @@ class Child:
         Raises:
             UserError: it raised, ended its process or took too long.
         """
-        with self._lock:
-            process = self._running()
-            late = threading.Event()
-            timer = threading.Timer(self.seconds, _end, (late, process))
-            timer.start()
-            try:
-                pickle.dump(given, process.stdin)
-                process.stdin.flush()
-                raised, answer = pickle.load(process.stdout)  # from a process that we started
-            except (EOFError, OSError, pickle.UnpicklingError) as error:
-                code = process.wait(GRACE)
-                self._process = None
-                if late.is_set():
-                    why = f"does not answer within {self.seconds:g} s: {self.cure}"
-                else:
-                    why = f"ended its process (exit code {code})"
-                raise UserError(f"{self.what} {why}") from error
-            finally:
-                timer.cancel()
+        process = self._running()
+        late = threading.Event()
+        timer = threading.Timer(self.seconds, _end, (late, process))
+        timer.start()
+        try:
+            pickle.dump(given, process.stdin)
+            process.stdin.flush()
+            raised, answer = pickle.load(process.stdout)  # from a process that we started
+        except (EOFError, OSError, pickle.UnpicklingError) as error:
+            code = process.wait(GRACE)
+            self._process = None
+            if late.is_set():
+                why = f"does not answer within {self.seconds:g} s: {self.cure}"
+            else:
+                why = f"ended its process (exit code {code})"
+            raise UserError(f"{self.what} {why}") from error
+        except BaseException:  # Ctrl-C: what it answers later is no answer to the next call
+            self.close()
+            self._process = None
+            raise
+        finally:
+            timer.cancel()
         if raised:
             raise UserError(f"{self.what} fails: {answer}")
         return answer

@@ -7,7 +7,6 @@ new instance, in a process of its own within limits of time and memory.
 from __future__ import annotations
 
 import re
-import threading
 import weakref
 from collections.abc import Mapping
 from pathlib import Path
@@ -18,6 +17,7 @@ import numpy as np
 from servo_models.core.types import Array
 from servo_models.errors import UserError
 from servo_models.foreign.box import Signal
+from servo_models.foreign.child import Pool
 from servo_models.units import factor
 from servo_models.validation.any_fmu.fmu import AnyFmu
 
@@ -32,16 +32,16 @@ class FmuBox:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._fmu = AnyFmu(path)
-        weakref.finalize(self, self._fmu.close)  # its process and its unpacked files
-        described = self._fmu.description
-        self.title = self._fmu.title
+        fmu = self._unpacked()
+        self._fmus = Pool(self._unpacked, fmu)
+        described = fmu.description
+        self.title = fmu.title
         self.name = re.sub(r"\W+|__+", "_", described.modelName).strip("_") or "fmu"
         experiment = described.defaultExperiment
         self.stop_time = _number(experiment, "stopTime") or STOP
         self.step = _number(experiment, "stepSize") or STEP
-        self.any_step = self._fmu.any_step
-        real = [one for one in described.modelVariables if self._fmu.variables[one.name].real]
+        self.any_step = fmu.any_step
+        real = [one for one in described.modelVariables if fmu.variables[one.name].real]
         self.inputs = tuple(_signal(one) for one in real if one.causality == "input")
         self.outputs = tuple(_signal(one) for one in real if one.causality == "output")
         self.parameters = tuple(
@@ -50,7 +50,6 @@ class FmuBox:
             if one.causality == "parameter" and one.variability in ("fixed", "tunable")
         )
         self._names = {_wire_name(one.name): one.name for one in real}
-        self._lock = threading.Lock()
         for kind, found in (("input", self.inputs), ("output", self.outputs)):
             if not found:
                 raise UserError(
@@ -69,12 +68,17 @@ class FmuBox:
         named = {self._names[one.name]: columns[:, k] for k, one in enumerate(self.inputs)}
         start = {self._names[name]: value for name, value in parameters.items()}
         outputs = [self._names[one.name] for one in self.outputs]
-        with self._lock:
-            found = self._fmu.run(even, named, outputs, start)
+        with self._fmus.one() as fmu:
+            found = fmu.run(even, named, outputs, start)
         if not np.isfinite(found).all():
             row = int(np.argmin(np.isfinite(found).all(axis=1)))
             raise UserError(f"FMU '{self.path.name}' gives no number at t = {even[row]:g} s")
         return np.column_stack([np.interp(times, even, column) for column in found.T])
+
+    def _unpacked(self) -> AnyFmu:
+        fmu = AnyFmu(self.path)
+        weakref.finalize(self, fmu.close)  # its process and its unpacked files
+        return fmu
 
 
 def _signal(variable: Any, parameter: bool = False) -> Signal:

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -27,7 +28,7 @@ from servo_models.core.types import Array
 from servo_models.errors import UserError, did_you_mean
 from servo_models.files import read_regular
 from servo_models.foreign.box import Signal
-from servo_models.foreign.child import SECONDS, Child
+from servo_models.foreign.child import SECONDS, Child, Pool
 from servo_models.units import base_unit, parse
 
 STEP, STOP = 1e-3, 1.0  # s, where the file says nothing
@@ -62,12 +63,13 @@ class FunctionBox:
         self.name = re.sub(r"\W+|__+", "_", path.stem).strip("_") or "simulation"
         self.step = _duration(path, "STEP", getattr(module, "STEP", STEP))
         self.stop_time = _duration(path, "STOP_TIME", getattr(module, "STOP_TIME", STOP))
-        self._call = Child(_function, (path, name), SECONDS, self._what)
+        self._calls = Pool(partial(Child, _function, (path, name), SECONDS, self._what))
 
     def run(self, parameters: Mapping[str, float], times: Array, inputs: Array) -> Array:
         """See ``box.Box.run``."""
         columns = {one.name: inputs[:, k].copy() for k, one in enumerate(self.inputs)}
-        found = self._call(dict(parameters), times.copy(), columns)
+        with self._calls.one() as call:
+            found = call(dict(parameters), times.copy(), columns)
         if not isinstance(found, Mapping):
             raise UserError(f"{self._what} returns no dict of arrays, but {found!r:.60}")
         return np.column_stack([self._output(found, one.name, len(times)) for one in self.outputs])

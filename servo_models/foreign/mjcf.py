@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from servo_models.core.types import Array
 from servo_models.data.readers.columns import extra
 from servo_models.errors import UserError, did_you_mean
 from servo_models.foreign.box import Signal
-from servo_models.foreign.child import SECONDS, Child
+from servo_models.foreign.child import SECONDS, Child, Pool
 
 STOP = 2.0  # s, of an experiment that shows what it does
 HINGE = 3  # mjtJoint.mjJNT_HINGE
@@ -85,11 +86,13 @@ class MjcfBox:
             known.append(Signal(key, of_drive[key], float(value), low))
         self.parameters = tuple(known)
         self.step, self.stop_time = float(model.opt.timestep), STOP
-        self._call = Child(_simulation, (path, joint), SECONDS, f"'{path.name}#{joint}'")
+        what = f"'{path.name}#{joint}'"
+        self._calls = Pool(partial(Child, _simulation, (path, joint), SECONDS, what))
 
     def run(self, parameters: Mapping[str, float], times: Array, inputs: Array) -> Array:
         """See ``box.Box.run``."""
-        found = np.asarray(self._call(dict(parameters), times, inputs[:, 0]))
+        with self._calls.one() as call:
+            found = np.asarray(call(dict(parameters), times, inputs[:, 0]))
         if not np.isfinite(found).all():
             raise UserError(f"{self.title}: the simulation gives no number")
         return found[:, None]

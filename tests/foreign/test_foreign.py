@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import re
+import signal
+import sys
+import threading
 from pathlib import Path
 
 import fmpy
@@ -13,7 +16,9 @@ from hypothesis import strategies as st
 
 from servo_models import check, diagnose, model, read_description, simulate
 from servo_models.build import build
+from servo_models.core.simulate import Model, Result
 from servo_models.core.types import Array
+from servo_models.core.workers import Workers
 from servo_models.errors import UserError
 from servo_models.foreign import function
 from servo_models.foreign.box import finer, held
@@ -284,6 +289,50 @@ def test_a_function_that_fails_ends_one_run_with_a_sentence(
         simulate(chosen, TIMES, {"goal": 0.5})
     assert said in str(refused.value)
     assert simulate(chosen, TIMES, {"goal": 0.0})["angle"].shape == TIMES.shape
+
+
+MEETING = """
+import time
+from pathlib import Path
+
+INPUTS, OUTPUTS, PARAMETERS = {"goal": 1.0}, {"angle": 1.0}, {"number": 1.0}
+
+def simulate(parameters, times, inputs):
+    here, number = Path(__file__).parent, parameters["number"]
+    (here / f"came_{number:g}").touch()
+    end = time.monotonic() + 20.0
+    while number > 1.0 and not {"came_2", "came_3"} <= {it.name for it in here.iterdir()}:
+        if time.monotonic() > end:
+            raise RuntimeError("nobody else comes")
+        time.sleep(0.01)
+    return {"angle": number * inputs["goal"]}
+"""
+
+
+def test_runs_of_a_function_go_on_together(tmp_path: Path) -> None:
+    name = first_order(tmp_path, MEETING)
+    models = [model(name, parameters={"number": number}) for number in (2.0, 3.0)]
+    with Workers(2) as workers:
+        angles = [it["angle"] for it in workers.map(one_step, models)]
+    assert [angle[-1] for angle in angles] == [1.0, 1.5]
+
+
+def one_step(chosen: Model) -> Result:
+    return simulate(chosen, TIMES, {"goal": 0.5})
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no signal to a thread")
+def test_a_run_that_is_interrupted_gives_nothing_to_the_next(tmp_path: Path) -> None:
+    slow = FIRST_ORDER.replace("    angle =", "    time.sleep(inputs['goal'][-1])\n    angle =")
+    chosen = model(first_order(tmp_path, "import time\n" + slow))
+    simulate(chosen, TIMES, {"goal": 0.0})  # compiles
+    ctrl_c = (threading.main_thread().ident, signal.SIGINT)
+    timer = threading.Timer(0.3, signal.pthread_kill, ctrl_c)
+    timer.start()
+    with pytest.raises(KeyboardInterrupt):
+        simulate(chosen, TIMES, {"goal": 1.0})
+    timer.join()
+    assert simulate(chosen, TIMES, {"goal": 0.1})["angle"][-1] == pytest.approx(0.1, rel=1e-6)
 
 
 @pytest.mark.parametrize(
