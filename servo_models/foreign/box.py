@@ -148,6 +148,8 @@ class Around:
         jumps = (np.abs(change) > LEAST_JUMP_IN_SIZES * sizes) & (spans > 0.0) & self.box.any_step
         part = np.divide(after - means, change, out=np.zeros_like(change), where=jumps)
         jumps &= (part > LEAST_PART_OF_STEP) & (part < 1.0 - LEAST_PART_OF_STEP)
+        if not jumps.any():
+            return times, np.vstack([means, value[-1:]]), np.arange(len(times))
         edge = times[:-1, None] + part * spans
         interval, column = np.nonzero(jumps)
         order = np.lexsort((edge[interval, column], interval))

@@ -242,7 +242,10 @@ class Instance:
         Times, inputs and outputs are rows of doubles in base64: as text, they would take longer
         than the steps.
         """
-        clock, given = _doubles(times), _doubles(inputs)
+        return self.rows(_doubles(times), _doubles(inputs), first)
+
+    def rows(self, clock: array.array[float], given: array.array[float], first: int) -> str:
+        """What ``drive`` returns, of rows of doubles."""
         width = self._inputs.size
         out = array.array("d", self.outputs())
         if self.fmu.loop and self._inputs.all_double and self._outputs.all_double:
@@ -411,7 +414,7 @@ class Session:
         clock, given = _doubles(times), _doubles(inputs)
         first = given[: len(given) // len(clock)].tolist()
         self.start(0, values, clock[0], first, tolerance)
-        rows = self.instances[0].drive(times, inputs, 0)
+        rows = self.instances[0].rows(clock, given, 0)
         with contextlib.suppress(RefusedError):  # what it says at its end changes no figure
             self.free(0)
         return rows

@@ -141,8 +141,8 @@ class AnyFmu(OpenFmu):
         if before != (self._inputs, self._outputs) or interface.canBeInstantiatedOnlyOncePerProcess:
             self.end_process()
         columns = np.column_stack([inputs[name] for name in inputs] or [np.empty((len(times), 0))])
-        set_ = {self.variables[name]: value for name, value in start.items()}
-        starts = [(variable.reference, variable.kind, value) for variable, value in set_.items()]
+        known = self.variables
+        starts = [(known[name].reference, known[name].kind, it) for name, it in start.items()]
         table = (packed(times), packed(columns))
         return self.rows((len(times), len(outputs)), "run", starts, *table, tolerance)
 
