@@ -66,11 +66,14 @@ def test_pulses_hold_beside_an_angle_of_another_message(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("content", [b"", b"\x00" * 1000, HEAD * 500])
-def test_what_is_no_log_is_damaged(tmp_path: Path, content: bytes) -> None:
+def test_what_is_no_log_is_damaged_and_told_once(
+    tmp_path: Path, content: bytes, capfd: pytest.CaptureFixture[str]
+) -> None:
     path = tmp_path / "flight.bin"
     path.write_bytes(content)
     with pytest.raises(UserError, match="is damaged or no DataFlash file"):
         read_columns(path)
+    assert capfd.readouterr() == ("", "")
 
 
 def test_what_a_crash_has_cut_off_is_left_out(tmp_path: Path) -> None:

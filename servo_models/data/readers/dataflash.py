@@ -22,11 +22,13 @@ def read(source: Source) -> Tables:
     Raises:
         UserError: it is damaged, or has no such message.
     """
-    reader = extra("ardupilot", "pymavlink.DFReader")
+    reader = extra("ardupilot", "pymavlink.DFReader").DFReader_binary
+    # the compiled indexer prints past sys.stderr
+    in_python = type("Reader", (reader,), {"init_arrays_fast": reader.init_arrays})
     quiet = io.StringIO()  # for what it says of every damaged byte
     try:
         with contextlib.redirect_stdout(quiet), contextlib.redirect_stderr(quiet):
-            tables = _tables(source, reader.DFReader_binary(str(source.path)))
+            tables = _tables(source, in_python(str(source.path)))
     except UserError:
         raise
     except Exception as error:  # pymavlink raises many kinds
