@@ -15,7 +15,8 @@ import threading
 import weakref
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any, Generic, TypeVar
+from queue import SimpleQueue
+from typing import Any, BinaryIO, Generic, TypeVar
 
 from servo_models.errors import UserError
 
@@ -122,6 +123,15 @@ def _end(late: threading.Event, process: subprocess.Popen[bytes]) -> None:
     process.kill()
 
 
+def _listen(calls: BinaryIO, waiting: SimpleQueue[tuple[Any, ...]]) -> None:
+    """Take calls until who started this process is gone, and then end it, also in mid-work."""
+    try:
+        while True:
+            waiting.put(pickle.load(calls))
+    finally:
+        os._exit(1)
+
+
 def serve() -> None:
     """Answer calls until standard input ends; what the function prints is not shown."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for who started this process
@@ -131,11 +141,10 @@ def serve() -> None:
     path, make, arguments = pickle.load(calls)  # from the process that started this one
     sys.path[:] = path
     function: Any = None
+    waiting: SimpleQueue[tuple[Any, ...]] = SimpleQueue()
+    threading.Thread(target=_listen, args=(calls, waiting), daemon=True).start()
     while True:
-        try:
-            given = pickle.load(calls)
-        except EOFError:
-            os._exit(0)
+        given = waiting.get()
         try:
             function = function or make(*arguments)
             answer = (False, function(*given))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
+import time
 
 import pytest
 
@@ -17,6 +18,19 @@ import sys
 from servo_models import cli
 cli.app.command(name="print")(lambda: [print("a line") for _ in iter(int, 1)])
 sys.exit(cli.main(["print"]))
+"""
+
+
+WORKS_FOR_EVER = """
+import time
+from functools import partial
+from threading import Thread
+from servo_models.foreign.child import Child
+child = Child(partial, (time.sleep, 600.0), 600.0, "the call")
+Thread(target=child).start()
+while child._process is None:
+    time.sleep(0.01)
+print("it works", flush=True)
 """
 
 
@@ -45,3 +59,13 @@ def test_a_child_that_is_gone_does_not_end_a_command(capsys: pytest.CaptureFixtu
     with pytest.raises(UserError, match="ended its process"):
         child(-1)
     assert child(-2) == 2
+
+
+def test_a_child_in_the_middle_of_its_work_ends_with_who_started_it() -> None:
+    words = [sys.executable, "-c", WORKS_FOR_EVER]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"it works\n"
+        time.sleep(2.0)
+        process.kill()
+        process.communicate(timeout=10.0)  # which waits for the child, whose stderr it is too
