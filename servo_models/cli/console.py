@@ -94,5 +94,5 @@ def progress(label: str, lines: bool = False) -> Iterator[Progress]:
 
 def _print_job(done: int, total: int | None, doing: str) -> None:
     if doing:
-        line = f"{done + 1} of {total}: {doing}"[:NARROW] if total else doing
+        line = f"{done + 1} of {total}: {doing}"[:ONE_LINE] if total else doing
         print(line, file=sys.stderr, flush=True)

@@ -105,7 +105,7 @@ class Outcome(Document, frozen=True, kw_only=True):
     key: Digest
     unit: str
     joint: str
-    conditions: Mapping[str, str]
+    conditions: Annotated[Mapping[str, str], about("As of then; no diagnosis uses them.")]
     description: Annotated[str, about("Name of its file.")]
     actuator: Annotated[str, about("Its name, or the path of its file.")] = ""
     variant: str = ""

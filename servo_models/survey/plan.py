@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import os
 import re
+import time
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain, count
 from pathlib import Path
+from typing import TypeVar
 
 from servo_models.data.description import read_description, tells_of_logs
 from servo_models.data.joints.data_sets import HELD_OUT_PERIOD
@@ -28,6 +30,12 @@ from servo_models.files import read_regular, scratch, write_whole
 DESCRIPTIONS = "descriptions"  # folder of a survey with what it has drafted
 JOBS = "jobs"  # and with what is kept of each job
 LOG, UNIT, JOINT = "log", "unit", "joint"  # columns of a table of logs; others are conditions
+TELL_SECONDS = 5.0  # between words on how far a long look has come
+
+T = TypeVar("T")
+Tell = Callable[[int, int | None, str], None]
+"""Is told how many jobs were done before this one, how many there are, and what came of it; at
+first, without these numbers, what there is to do."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +66,7 @@ class _Planner:
         drafts: folder for descriptions.
         actuator: what made the logs, None for a guess.
         trust: as for descriptions.
+        tell: is told how far it has come.
         units: by the folder of their descriptions.
         drafted: descriptions of logs.
     """
@@ -66,6 +75,7 @@ class _Planner:
     drafts: Path
     actuator: str | None
     trust: bool
+    tell: Tell
     jobs: list[Planned] = field(default_factory=list)
     notes: dict[str, None] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
@@ -89,7 +99,7 @@ class _Planner:
         described = {file.resolve() for path in descriptions for file in named_files(path)}
         for path in descriptions:
             self.jobs.append(Planned(self.unit(path), path.stem, path))
-        for path in others:
+        for path in counted(others, self.tell, "logs looked at"):
             if path.resolve() not in described:
                 self.add("", path.stem, [path], {})
 
@@ -99,8 +109,13 @@ class _Planner:
         for row in _rows(path):
             unit, joint = row.get(UNIT) or self.root.name, row.get(JOINT) or Path(row[LOG]).stem
             grouped[unit, joint].append(row)
-        for (unit, joint), rows in grouped.items():
-            known = {key: text for key, text in rows[0].items() if key not in {LOG, UNIT, JOINT}}
+        for (unit, joint), rows in counted(grouped.items(), self.tell, "joints looked at"):
+            texts = {key: {row[key] for row in rows} for key in rows[0]}
+            others = [key for key in texts if key not in {LOG, UNIT, JOINT}]
+            known = {key: rows[0][key] for key in others if len(texts[key]) == 1}
+            for key in (key for key in others if key not in known):
+                why = f"'{key}' differs between its logs and is left out"
+                self.notes[f"{unit} {joint}: {why}"] = None
             self.add(unit, joint, [path.parent / row[LOG] for row in rows], known)
 
     def unit(self, path: Path) -> str:
@@ -183,7 +198,13 @@ class _Planner:
         return True
 
 
-def plan(path: Path, survey: Path, actuator: str | None = None, trust: bool = False) -> Plan:
+def plan(
+    path: Path,
+    survey: Path,
+    actuator: str | None = None,
+    trust: bool = False,
+    tell: Tell = lambda *_: None,
+) -> Plan:
     """Return the jobs that a path holds, with first descriptions in the folder of the survey.
 
     Args:
@@ -199,7 +220,7 @@ def plan(path: Path, survey: Path, actuator: str | None = None, trust: bool = Fa
         )
     whole = os.path.isfile(path) or _is_whole(path)
     root = path.resolve().parent if whole else path.resolve()
-    planner = _Planner(root, survey.resolve() / DESCRIPTIONS, actuator, trust)
+    planner = _Planner(root, survey.resolve() / DESCRIPTIONS, actuator, trust, tell)
     if _is_table(path):
         planner.table(path)
     elif whole:
@@ -213,6 +234,16 @@ def plan(path: Path, survey: Path, actuator: str | None = None, trust: bool = Fa
             f" ({ends})"
         )
     return Plan(tuple(planner.jobs), tuple(planner.notes))
+
+
+def counted(items: Collection[T], tell: Tell, doing: str) -> Iterator[T]:
+    """Yield items, and tell now and then how many are done."""
+    last = time.monotonic()
+    for done, item in enumerate(items):
+        if time.monotonic() - last > TELL_SECONDS:
+            last = time.monotonic()
+            tell(0, None, f"{doing}: {done} of {len(items)}")
+        yield item
 
 
 def _is_whole(path: Path) -> bool:

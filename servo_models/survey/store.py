@@ -40,7 +40,7 @@ def files_of(description: Path) -> list[Path]:
 def key_of(planned: Planned, options: Mapping[str, Any]) -> str:
     """Return the hash of a job: of its names, description, data, options and version."""
     parts: list[object] = [VERSION, version("servo-models"), planned.unit, planned.joint]
-    parts += [planned.failure, sorted(planned.conditions.items()), sorted(options.items())]
+    parts += [planned.failure, sorted(options.items())]
     folder = planned.description.parent
     for file in files_of(planned.description):
         parts.append((os.path.relpath(file, folder), digest(file)))

@@ -11,6 +11,8 @@ from pathlib import Path
 from statistics import fmean
 from typing import Any
 
+from msgspec.structs import replace
+
 from servo_models.data.joints.drafts import as_file
 from servo_models.data.parameters import write_parameters
 from servo_models.errors import UserError
@@ -18,15 +20,12 @@ from servo_models.files import write_with
 from servo_models.report.numbers import plural
 from servo_models.survey.engine import Done, Worker, here, on_cluster
 from servo_models.survey.job import Job, Outcome, failed
-from servo_models.survey.plan import Planned, plan
+from servo_models.survey.plan import DESCRIPTIONS, Planned, Tell, counted, plan
 from servo_models.survey.result import Survey, told_apart
 from servo_models.survey.store import Store, key_of, read_outcomes
 
 __all__ = ["Survey", "survey"]
 
-Tell = Callable[[int, int | None, str], None]
-"""Is told how many jobs were done before this one, how many there are, and what came of it; at
-first, without these numbers, what there is to do."""
 COMMON = "common"  # folder of a survey with parameter files
 POLL_SECONDS = 0.5  # between looks at what another process has in hand
 
@@ -81,11 +80,17 @@ def survey(
     earlier = told_apart(read_outcomes(Path(before))) if before else ()
     tell = tell or (lambda *_: None)
     store = Store(folder)
-    tell(0, None, f"looking for joints in '{root}'")
-    planned = plan(root, folder, actuator, trust)
+    tell(0, None, f"looking for joints in '{root}'; what is found goes to '{folder}'")
+    planned = plan(root, folder, actuator, trust, tell)
+    drafts = folder.resolve() / DESCRIPTIONS
+    if guessed := sum(drafts in one.description.parents for one in planned.jobs):
+        whose = plural(guessed, "description")
+        tell(
+            0, None, f"{whose} of ours in '{folder / DESCRIPTIONS}': look at what is guessed there"
+        )
     options = {"seed": seed, "quick": quick, "time_limit": time_limit}
     work = _Work(store, tell)
-    for one in planned.jobs:
+    for one in counted(planned.jobs, tell, "joints whose data were read"):
         work.add(one, options, trust, reports)
     if scheduler:
         work.do(lambda todo: on_cluster(todo, scheduler), "on the cluster", 1)
@@ -93,7 +98,9 @@ def survey(
         where = f"on {plural(processes, 'processor')}"
         workers = [Worker() for _ in range(processes)]
         work.do(lambda todo: here(todo, workers), where, processes)
-    outcomes = tuple(work.outcomes[key] for key in work.jobs)
+    outcomes = [
+        replace(work.outcomes[key], conditions=job.conditions) for key, job in work.jobs.items()
+    ]
     found = Survey(root.resolve().name, told_apart(outcomes), planned.notes, earlier, folder)
     for name, table in (("table", found.table()), ("estimates", found.estimates())):
         write_with(folder / f"{name}.csv", table.write_csv)
@@ -113,7 +120,6 @@ class _Work:
         self.jobs: dict[str, Job] = {}
         self.outcomes: dict[str, Outcome] = {}
         self.claims: dict[str, ExitStack] = {}
-        self.begin = time.monotonic()
 
     def add(self, one: Planned, options: Mapping[str, Any], trust: bool, report: bool) -> None:
         """Add a job, with what is known of it."""
@@ -134,6 +140,7 @@ class _Work:
         processes: int,
     ) -> None:
         """Do what is not done."""
+        self.begin = time.monotonic()
         before, every = len(self.outcomes), len(self.jobs)
         units = len({job.unit for job in self.jobs.values()})
         seconds = [outcome.seconds for outcome in self.outcomes.values() if not outcome.failure]
@@ -152,7 +159,7 @@ class _Work:
                     for job, kept, page in results:
                         outcome = self.outcomes[job.key] = self.store.put(job.key, kept, page)
                         self.claims.pop(job.key).close()
-                        self._count(outcome, before)
+                        self._count(outcome, before, processes)
                 if len(self.outcomes) < every:  # another process has them in hand
                     time.sleep(POLL_SECONDS)
         finally:
@@ -175,9 +182,10 @@ class _Work:
             if known is not None:
                 self.outcomes[key] = known
 
-    def _count(self, outcome: Outcome, before: int) -> None:
+    def _count(self, outcome: Outcome, before: int, processes: int) -> None:
         done, every = len(self.outcomes), len(self.jobs)
-        left = duration((time.monotonic() - self.begin) / (done - before) * (every - done))
+        begun = done - before + min(len(self.claims), processes) / 2  # what is in hand: half done
+        left = duration((time.monotonic() - self.begin) / begun * (every - before - begun))
         said = outcome.failure or outcome.sentence
         self.tell(done - 1, every, f"{left} left; {outcome.unit} {outcome.joint}: {said}")
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import shutil
+import sys
 from pathlib import Path
 
 import pytest
 
 from servo_models.errors import UserError
-from servo_models.survey.plan import plan
+from servo_models.survey.plan import counted, plan
 from servo_models.survey.store import key_of
 from tests.support import lerobot
 from tests.support.sources import ROOT
@@ -73,11 +74,14 @@ def test_rows_of_a_table_with_one_unit_and_joint_are_runs_of_one_description(
     for name in "abcd":
         (tmp_path / f"{name}.csv").write_text(CSV)
     (tmp_path / "fleet.csv").write_text(
-        "log,unit,joint,firmware\na.csv,7,tilt,2.1\nb.csv,7,tilt,2.1\nc.csv,7,tilt,2.1\nd.csv,8,tilt,2.0\n"
+        "log,unit,joint,firmware,day\n"
+        "a.csv,7,tilt,2.1,1\nb.csv,7,tilt,2.1,2\nc.csv,7,tilt,2.1,2\nd.csv,8,tilt,2.0,1\n"
     )
-    one, other = plan(tmp_path / "fleet.csv", tmp_path / "out", "dc_motor").jobs
+    found = plan(tmp_path / "fleet.csv", tmp_path / "out", "dc_motor")
+    one, other = found.jobs
     assert (one.unit, one.joint, one.conditions) == ("7", "tilt", {"firmware": "2.1"})
-    assert (other.unit, other.conditions) == ("8", {"firmware": "2.0"})
+    assert (other.unit, other.conditions) == ("8", {"firmware": "2.0", "day": "1"})
+    assert "7 tilt: 'day' differs between its logs and is left out" in found.notes
     text = one.description.read_text("utf-8")
     assert text.count("file = ") == 3
     assert text.count("held_out = true") == 1
@@ -162,3 +166,10 @@ def test_a_key_changes_with_all_that_a_job_depends_on(tmp_path: Path) -> None:
     description = one.description.read_bytes()
     one.description.write_bytes(description + b"\n")
     assert key_of(one, {"seed": 0}) != known
+
+
+def test_how_far_a_long_look_has_come_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys.modules[counted.__module__], "TELL_SECONDS", -1.0)
+    said: list[str] = []
+    assert [*counted("ab", lambda *words: said.append(words[-1]), "looked at")] == ["a", "b"]
+    assert said == ["looked at: 0 of 2", "looked at: 1 of 2"]

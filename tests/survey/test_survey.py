@@ -95,6 +95,16 @@ def test_parameters_that_units_have_in_common_are_a_file_for_the_other_commands(
     assert "drive_dead_zone" in out  # which both have, so that it belongs to the model
 
 
+def test_where_results_go_and_what_is_guessed_is_told_before_work(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("time [s],voltage [V],angle [deg]\n0,0,0\n0.1,1,0\n0.2,1,1\n")
+    out, said = tmp_path / "out", list[str]()
+    survey(tmp_path / "a.csv", out, "dc_motor", tell=lambda done, every, text: said.append(text))
+    assert said[0].endswith(f"what is found goes to '{out}'")
+    assert (
+        said[1] == f"1 description of ours in '{out}/descriptions': look at what is guessed there"
+    )
+
+
 def test_what_is_done_is_not_done_again(tmp_path: Path) -> None:
     fleet, out = broken(tmp_path / "fleet", 3), tmp_path / "out"
     survey(fleet, out, jobs=1)
@@ -105,6 +115,18 @@ def test_what_is_done_is_not_done_again(tmp_path: Path) -> None:
     assert "2 done (2 failed), 1 to do on 1 processor; the first" in said[1]
     assert len(kept(out)) == 4
     assert all(file.stat().st_mtime_ns == stamp for file, stamp in stamps.items())
+
+
+def test_a_condition_that_is_told_later_does_nothing_anew(tmp_path: Path) -> None:
+    broken(tmp_path / "fleet", 2)
+    table, out = tmp_path / "fleet" / "joints.csv", tmp_path / "out"
+    table.write_text("log,unit\nunit_0/joint.toml,0\nunit_1/joint.toml,1\n")
+    survey(table, out, jobs=1)
+    before = kept(out)
+    table.write_text("log,unit,firmware\nunit_0/joint.toml,0,2.0\nunit_1/joint.toml,1,2.1\n")
+    found = survey(table, out, jobs=1)
+    assert kept(out) == before
+    assert found.table()["firmware"].to_list() == ["2.0", "2.1"]
 
 
 def test_how_long_it_takes_is_told_by_what_was_done(tmp_path: Path) -> None:

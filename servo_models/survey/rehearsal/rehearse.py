@@ -39,7 +39,8 @@ from servo_models.report.document import Document, Figure, Magnitude, Share, abo
 from servo_models.report.numbers import plural
 from servo_models.report.result import Result
 from servo_models.survey.engine import here, seconds_allowed
-from servo_models.survey.survey import Tell, duration
+from servo_models.survey.plan import Tell
+from servo_models.survey.survey import duration
 from servo_models.units import parse
 
 __all__ = ["Rehearsal", "rehearse"]
