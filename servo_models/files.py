@@ -48,7 +48,10 @@ def write_with(path: Path, write: Callable[[Path], object]) -> None:
             part.replace(path)
             _to_disk(path.parent)
         except OSError as error:
-            raise UserError(f"cannot write '{path}': {error.strerror or error}") from error
+            raise UserError(
+                f"cannot write '{path}': {error.strerror or error}; make room there, or choose"
+                " another folder"
+            ) from error
 
 
 @contextlib.contextmanager

@@ -24,8 +24,8 @@ def check_duration(model: Model, logs: Sequence[Log]) -> None:
     if longest.duration < slowest:
         raise UserError(
             f"log '{longest.name}' lasts {longest.duration:.3g} s, but the slowest time constant"
-            f" of '{model.actuator.name}' is {slowest:.3g} s: log ten of them, or name the"
-            " actuator that made it"
+            f" of '{model.actuator.name}' is {slowest:.3g} s: log ten of them, or correct the unit"
+            " of its time or the actuator"
         )
 
 

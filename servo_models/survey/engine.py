@@ -5,6 +5,7 @@ Either way a job runs in a process of its own: one that crashes or hangs ends al
 
 from __future__ import annotations
 
+import logging
 import os
 import threading
 from collections.abc import Callable, Generator, Iterator, Sequence
@@ -105,6 +106,7 @@ def on_cluster(jobs: Iterator[Job], address: str) -> Generator[Done, None, None]
         UserError: no scheduler there, or it is gone; what was done until then was yielded.
     """
     distributed = extra("cluster", "distributed")
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # what is gone we tell
     try:
         client = distributed.Client(address, timeout=CONNECT_SECONDS)
     except (OSError, ValueError) as error:

@@ -178,8 +178,12 @@ class Survey(Result):
         """Return a diagnosis as of ``servo-models diagnose --json``, None where the job failed.
 
         Raises:
-            UserError: its file is gone.
+            UserError: no such joint, or its file is gone.
         """
+        if (unit, joint) not in self.by_place:
+            raise UserError(
+                f"no joint '{joint}' of unit '{unit}': see the table for those there are"
+            )
         file = self.folder / "jobs" / f"{self.by_place[unit, joint].key}.json"
         return json.loads(read_regular(file))["diagnosis"]
 
@@ -202,7 +206,8 @@ class Survey(Result):
         models = {it.model for it in chosen}
         if len(models) != 1:
             joints = ", ".join(sorted({it.joint for it in self.outcomes if not it.failure}))
-            raise UserError(f"{len(models)} actuators to take a mean of: name a joint of {joints}")
+            what = "several actuators" if models else f"no diagnosis of '{joint or 'any joint'}'"
+            raise UserError(f"{what} to take a mean of: name one of {joints}")
         every = (it for it in self.belongings if it.owner == MODEL)
         shared = {it.name for it in every if not it.joints or joint in it.joints}
         found: dict[str, list[Value]] = defaultdict(list)

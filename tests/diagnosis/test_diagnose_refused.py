@@ -460,5 +460,5 @@ def test_a_log_of_a_quick_actuator_is_refused_under_a_slow_one(run: Run, tmp_pat
     angle = simulate(model("torque_motor"), times, {"voltage": 10.0 * command})["angle"]
     code, out, err = run("diagnose", record(tmp_path, AS_SG90, times, command, angle))
     assert (code, out) == (2, "")
-    assert "name the actuator that made it" in err
+    assert "correct the unit of its time or the actuator" in err
     assert len(err.splitlines()) == 1

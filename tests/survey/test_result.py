@@ -82,7 +82,7 @@ def test_no_mean_is_taken_of_two_actuators() -> None:
     copies = [msgspec.structs.replace(elbow, actuator=f"{u}/mine.py", unit=u) for u in "ab"]
     assert survey(*copies).common().actuator == "a/mine.py"
     wrist = msgspec.structs.replace(wrist, actuator="torque_motor")
-    with pytest.raises(sm.UserError, match=r"2 actuators .* elbow, wrist"):
+    with pytest.raises(sm.UserError, match=r"several actuators .* elbow, wrist"):
         survey(elbow, wrist).common()
     with pytest.raises(sm.UserError, match="no log tells"):
         survey(outcome("1", "elbow")).common()
@@ -148,7 +148,10 @@ def test_each_diagnosis_is_read_from_its_file(tmp_path: Path) -> None:
     job = outcome("1", "elbow", PLAY)
     (tmp_path / "jobs").mkdir()
     (tmp_path / "jobs" / f"{job.key}.json").write_text('{"diagnosis": {"verdict": "effect"}}')
-    assert survey(job, folder=tmp_path).diagnosis("1", "elbow") == {"verdict": "effect"}
+    found = survey(job, folder=tmp_path)
+    assert found.diagnosis("1", "elbow") == {"verdict": "effect"}
+    with pytest.raises(sm.UserError, match="no joint 'ellbow' of unit '1'"):
+        found.diagnosis("1", "ellbow")
 
 
 def test_the_document_keeps_to_its_schema() -> None:

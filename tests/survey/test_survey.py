@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import json
 import os
 import shutil
 import signal
@@ -311,6 +312,30 @@ def test_a_scheduler_that_is_gone_is_told_and_what_was_done_stays(tmp_path: Path
         survey(fleet, out, scheduler=local.scheduler_address, tell=tell)
     assert len(kept(out)) >= 5
     assert len(survey(fleet, out, jobs=1).outcomes) == 60
+
+
+@pytest.mark.thorough
+def test_a_scheduler_that_was_killed_is_told_in_one_sentence(tmp_path: Path) -> None:
+    pytest.importorskip("distributed")
+    about = tmp_path / "scheduler.json"
+    words = ["-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0"]
+    words += ["--no-dashboard", "--scheduler-file", str(about)]
+    with subprocess.Popen([sys.executable, *words], stderr=subprocess.DEVNULL) as scheduler:
+        while not about.exists():
+            time.sleep(0.05)
+        words = ["-m", "servo_models", "survey", str(broken(tmp_path / "fleet", 1))]
+        words += ["--scheduler", json.loads(about.read_text())["address"]]
+        with subprocess.Popen(
+            [sys.executable, *words], stderr=subprocess.PIPE, text=True
+        ) as surveying:
+            assert surveying.stderr is not None
+            while "to do on the cluster" not in surveying.stderr.readline():
+                pass
+            time.sleep(5.0)
+            scheduler.kill()
+            told = surveying.stderr.read()
+    assert told.startswith("servo-models: the scheduler at")
+    assert len(told.splitlines()) == 1
 
 
 def test_no_scheduler_there_is_told(tmp_path: Path) -> None:
