@@ -129,7 +129,7 @@ class Survey(Result):
         """What is other than in the earlier survey, none without one.
 
         The first of these that holds decides.  Worse: it failed and did not; a gap, where there was
-        none; a cause more; the interval of 95 % of the gap is above that of the earlier one.
+        none; the interval of 95 % of the gap is above that of the earlier one; a cause more.
         Better is the reverse.  Other: other causes.
         """
         before = _by_place(self.earlier)
@@ -310,8 +310,8 @@ def _difference(place: Place, before: Outcome | None, now: Outcome | None) -> Di
     for worse, better, why in (
         (now.failure, before.failure, verdicts),
         (now.verdict != NO_GAP, before.verdict != NO_GAP, verdicts),
-        (got > was, was > got, sets),
         (gap[0] > earlier[1], gap[1] < earlier[0], gaps),
+        (got > was, was > got, sets),
     ):
         if bool(worse) != bool(better):
             return Difference(*place, WORSE if worse else BETTER, why)

@@ -124,6 +124,10 @@ def test_joints_of_one_name_and_other_actuators_are_told_apart() -> None:
         ),
         (outcome("1", "elbow", PLAY), outcome("1", "elbow", PLAY, gap=13), WORSE, "gap 10 → 13"),
         (outcome("1", "elbow", PLAY, gap=13), outcome("1", "elbow", PLAY), BETTER, "gap 13 → 10"),
+        (  # a cause that is no more named, since something larger hides it
+            *(outcome("1", "elbow", {**PLAY, **DELAY}), outcome("1", "elbow", PLAY, gap=20)),
+            *(WORSE, "gap 10 → 20"),
+        ),
         (
             *(outcome("1", "elbow", PLAY), outcome("1", "elbow", DELAY, gap=11)),
             *(OTHER, "backlash → transport_delay"),
