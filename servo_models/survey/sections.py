@@ -226,8 +226,8 @@ def _changes(survey: Survey) -> Section:
     )
     return Section(
         "Since before",
-        "Worse: it failed and did not; a gap, where there was none; the interval of the gap is above"
-        " the earlier one; a cause more. Better is the reverse. The first of these decides.",
+        "Worse: it failed and did not; a gap, where there was none; the interval of the gap is"
+        " above the earlier one; a cause more. Better is the reverse. The first of these decides.",
         (told, *_more(survey.differences, MOST_ITEMS)) if survey.earlier else (),
         tables=(Table("", ("change", "unit", "joint", "why"), tuple(rows)),),
     )
