@@ -22,6 +22,7 @@ from servo_models.simulators.simulator import (
     DELAY,
     EXACT,
     Field,
+    Fields,
     Held,
     Motion,
     Nominal,
@@ -42,16 +43,10 @@ FIELDS = (
 
 
 def law(
-    speed: float,
-    cutoff: float,
-    delay: float,
-    step: float,
-    goal: Array,
-    load: Array,
-    inertia: float,
-    start: float,
+    fields: Fields, step: float, goal: Array, load: Array, inertia: float, start: float
 ) -> Array:
     """The deflection, see ``simulator.Law``; load and inertia do nothing."""
+    speed, cutoff, delay = fields
     angles = np.empty(len(goal))
     ohm = math.tan(math.pi * step * cutoff)
     scale = 1.0 + 2.0 * math.cos(math.pi / 4.0) * ohm + ohm * ohm

@@ -126,7 +126,7 @@ def export(
         values,
         step,
         {place: simulator.held(place, effect) for place, effect in servo.active().items()},
-        tuple(_errors(runs, fit.angles(values))),
+        tuple(map(_errors, runs, fit.angles(values))),
     )
 
 
@@ -155,17 +155,11 @@ def _stated(model: Model, logs: Sequence[Log]) -> dict[str, float]:
     return stated
 
 
-def _errors(runs: Sequence[Run], angles: Sequence[Array]) -> list[Errors]:
-    def left(response: Array | None, other: Array | None, run: Run) -> float | None:
-        if response is None or other is None:
+def _errors(run: Run, native: Array) -> Errors:
+    def left(angle: Array | None) -> float | None:
+        if angle is None or run.measured is None:
             return None
-        return rms((response - other)[run.counted])
+        return rms((angle - run.measured)[run.counted])
 
-    return [
-        Errors(
-            run.name,
-            rms((angle - run.angle)[run.counted]),
-            *(left(it, run.measured, run) for it in (run.nominal, run.angle, angle)),
-        )
-        for run, angle in zip(runs, angles)
-    ]
+    exported = rms((native - run.angle)[run.counted])
+    return Errors(run.name, exported, *map(left, (run.nominal, run.angle, native)))

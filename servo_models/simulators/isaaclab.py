@@ -29,6 +29,7 @@ from servo_models.simulators.simulator import (
     LOST,
     OF_JOINTS,
     Field,
+    Fields,
     Held,
     Motion,
     Nominal,
@@ -47,19 +48,10 @@ FIELDS = (
 
 
 def law(
-    stiffness: float,
-    damping: float,
-    effort_limit: float,
-    velocity_limit: float,
-    friction: float,
-    delay: float,
-    step: float,
-    goal: Array,
-    load: Array,
-    inertia: float,
-    start: float,
+    fields: Fields, step: float, goal: Array, load: Array, inertia: float, start: float
 ) -> Array:
     """The angle of the joint, see ``simulator.Law``."""
+    stiffness, damping, effort_limit, velocity_limit, friction, _ = fields
     angles = np.empty(len(goal))
     angle, rate = start, 0.0
     for k in range(len(goal)):

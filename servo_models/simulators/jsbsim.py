@@ -22,6 +22,7 @@ from servo_models.simulators.simulator import (
     DELAY,
     EXACT,
     Field,
+    Fields,
     Held,
     Motion,
     Nominal,
@@ -41,20 +42,10 @@ FIELDS = (
 
 
 def law(
-    lag: float,
-    rate_limit: float,
-    deadband: float,
-    hysteresis: float,
-    bias: float,
-    clipto: float,
-    delay: float,
-    step: float,
-    goal: Array,
-    load: Array,
-    inertia: float,
-    start: float,
+    fields: Fields, step: float, goal: Array, load: Array, inertia: float, start: float
 ) -> Array:
     """The output, see ``simulator.Law``; load and inertia do nothing."""
+    lag, rate_limit, deadband, hysteresis, bias, clipto, _ = fields
     angles = np.empty(len(goal))
     lagged = limited = played = start - bias
     last_goal = goal[0]

@@ -38,6 +38,7 @@ from servo_models.simulators.simulator import (
     LOST,
     OF_JOINTS,
     Field,
+    Fields,
     Held,
     Motion,
     Nominal,
@@ -63,20 +64,10 @@ FIELDS = (
 
 
 def law(
-    kp: float,
-    kv: float,
-    damping: float,
-    forcerange: float,
-    frictionloss: float,
-    timeconst: float,
-    delay: float,
-    step: float,
-    goal: Array,
-    load: Array,
-    inertia: float,
-    start: float,
+    fields: Fields, step: float, goal: Array, load: Array, inertia: float, start: float
 ) -> Array:
     """The angle of the joint, see ``simulator.Law``."""
+    kp, kv, damping, forcerange, frictionloss, timeconst, _ = fields
     angles = np.empty(len(goal))
     angle, rate, filtered = start, 0.0, start
     reached = 1.0 - math.exp(-step / timeconst) if timeconst > 0.0 else 1.0
@@ -131,12 +122,12 @@ HOLDS: Mapping[str, Held] = {
 
 def lines(values: Mapping[str, float], step: float, inertia: float) -> str:
     """The option, the joint and the actuator."""
-    joint = f'armature="{inertia:.5g}"'
-    actuator = f'kp="{values["kp"]:.5g}"'
-    for name in ("damping", "frictionloss"):
-        joint += f' {name}="{values[name]:.5g}"' if values[name] else ""
-    for name in ("kv", "timeconst"):
-        actuator += f' {name}="{values[name]:.5g}"' if values[name] else ""
+
+    def told(*names: str) -> str:
+        return "".join(f' {name}="{values[name]:.5g}"' for name in names if values[name])
+
+    joint = f'armature="{inertia:.5g}"' + told("damping", "frictionloss")
+    actuator = f'kp="{values["kp"]:.5g}"' + told("kv", "timeconst")
     if values["forcerange"]:
         actuator += ' forcerange="-{0:.5g} {0:.5g}"'.format(values["forcerange"])
     if values[DELAY]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from servo_models.core.catalogue import actuators
-from servo_models.core.plant import Actuator, Plant, check_bounds
+from servo_models.core.plant import Actuator, check_bounds
 from servo_models.data.parameters import Estimate, ParameterSet
 from servo_models.errors import UserError, printable
 from servo_models.files import read_regular
@@ -44,11 +44,14 @@ def import_nominal(file: str, inertia: float | str = 0.0) -> ParameterSet:
         reading = readers()[kind].read(content, joint, carried)
         actuator, variant = _target(reading)
         plant = actuator.plant_of(variant)
-        estimates = tuple(
-            _estimate(plant, parameter, *told) for parameter, told in reading.values.items()
-        )
+        for parameter, (value, _) in reading.values.items():
+            check_bounds(plant.parameters[parameter], value)
     except UserError as error:
         raise UserError(f"'{path}': {error}") from error
+    estimates = tuple(
+        Estimate(parameter, value, None, printable(origin, LONGEST))
+        for parameter, (value, origin) in reading.values.items()
+    )
     method = f"read from '{path.name}', a file of {readers()[kind].title}"
     return ParameterSet(actuator.key, variant, estimates, method=method, warnings=reading.warnings)
 
@@ -74,17 +77,11 @@ def _target(reading: Nominal) -> tuple[Actuator, str]:
             plant = actuator.plant_of(variant.name)
             command = plant.wire[variant.command or actuator.step[0]]
             if command.unit == reading.command and reading.values.keys() <= plant.parameters.keys():
-                told = [
-                    (plant.parameters[name].param, it) for name, (it, _) in reading.values.items()
-                ]
-                within = all(param.low <= value <= param.high for param, value in told)
+                within = all(
+                    plant.parameters[name].param.low <= value <= plant.parameters[name].param.high
+                    for name, (value, _) in reading.values.items()
+                )
                 fitting.append((within, actuator, variant.name))
     if not fitting:
         raise UserError("no actuator of the catalogue has all of its parameters")
-    _, chosen, name = next((it for it in fitting if it[0]), fitting[-1])
-    return chosen, name
-
-
-def _estimate(plant: Plant, name: str, value: float, origin: str) -> Estimate:
-    check_bounds(plant.parameters[name], value)
-    return Estimate(name, value, None, printable(origin, LONGEST))
+    return next((it for it in fitting if it[0]), fitting[-1])[1:]

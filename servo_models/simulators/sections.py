@@ -82,18 +82,20 @@ def export_report(exported: Export, date: str = "") -> Report:
         (field.name, Quantity(exported.values[field.name], field.unit), field.about)
         for field in exported.simulator.fields
     )
-    names = ("of", "nominal", "diagnosed", title, f"{title} to diagnosed")
+    columns = {
+        "nominal": "nominal",
+        "diagnosed": "diagnosed",
+        "native": title,
+        "native_to_diagnosed": f"{title} to diagnosed",
+    }
+    known = [key for key in columns if getattr(exported.errors[0], key) is not None]
     rows: tuple[tuple[Cell, ...], ...] = tuple(
         (
-            errors.log or "standard excitation",
-            *(_degrees(error) for error in (errors.nominal, errors.diagnosed, errors.native)),
-            _degrees(errors.native_to_diagnosed),
+            it.log or "standard excitation",
+            *(Quantity(math.degrees(getattr(it, key)), "deg", digits=3) for key in known),
         )
-        for errors in exported.errors
+        for it in exported.errors
     )
-    columns: tuple[str, ...] = names
-    if exported.errors[0].nominal is None:
-        columns, rows = (names[0], names[-1]), tuple((row[0], row[-1]) for row in rows)
     return Report(
         f"{model.actuator.name}, variant {model.variant}, for {title}",
         _sentence(exported),
@@ -102,7 +104,7 @@ def export_report(exported: Export, date: str = "") -> Report:
             Section(
                 "",
                 tables=(
-                    Table("RMS errors", columns, rows),
+                    Table("RMS errors", ("of", *(columns[key] for key in known)), rows),
                     Table("Effects", ("effect", "held", "by"), effects),
                     Table("Fields", ("field", "fitted, 0 for left out", ""), fields),
                 ),
@@ -110,10 +112,6 @@ def export_report(exported: Export, date: str = "") -> Report:
         ),
         date=date,
     )
-
-
-def _degrees(angle: float | None) -> Cell:
-    return None if angle is None else Quantity(math.degrees(angle), "deg", digits=3)
 
 
 def _sentence(exported: Export) -> str:

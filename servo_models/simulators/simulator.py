@@ -64,10 +64,11 @@ class Motion(NamedTuple):
     delay: float
 
 
-Law = Callable[..., Array]
-"""Angle [rad] at each time step, shape (n,), of: every field in its order; time step [s]; goal,
-already delayed, [rad] and load torque against positive motion [N m] at each step, shape (n,);
-inertia [kg m^2]; angle [rad] at which it begins, at rest.  It is plain Python that numba compiles.
+Fields = tuple[float, ...]  # the value of every field, in its order
+Law = Callable[[Fields, float, Array, Array, float, float], Array]
+"""Angle [rad] at each time step, shape (n,), of: fields; time step [s]; goal, already delayed,
+[rad] and load torque against positive motion [N m] at each step, shape (n,); inertia [kg m^2];
+angle [rad] at which it begins, at rest.  It is plain Python that numba compiles.
 """
 
 
@@ -131,8 +132,7 @@ class Simulator:
     taken: Mapping[str, str] = field(default_factory=dict)
 
     @cached_property
-    def compiled(self) -> Law:
-        """The law as numba compiles it."""
+    def _compiled(self) -> Law:
         compile_it: Callable[[Law], Law] = numba.njit
         return compile_it(self.law)
 
@@ -140,8 +140,8 @@ class Simulator:
         self, values: Mapping[str, float], step: float, goal: Array, load: Array, *rest: float
     ) -> Array:
         """Return the angles [rad] of the law, whose arguments they are, for fields by name."""
-        fields = (values[it.name] for it in self.fields)
-        return self.compiled(*fields, step, goal, load, *rest)
+        fields = tuple(float(values[it.name]) for it in self.fields)
+        return self._compiled(fields, step, goal, load, *rest)
 
     def held(self, place: str, effect: str) -> Held:
         """Return how well the law holds an effect at a place."""
