@@ -31,7 +31,7 @@ def main() -> None:
         fleet = folder / "fleet"
         for k in range(JOBS):
             shutil.copytree(GIMBAL, fleet / f"unit_{k}", ignore=shutil.ignore_patterns("*.ipynb"))
-        job = Job("", "unit_0", "gimbal", fleet / "unit_0" / "gimbal.toml")
+        job = Job("unit_0", "gimbal", fleet / "unit_0" / "gimbal.toml")
         run(job)  # compiles
         begin = time.process_time()
         run(job)

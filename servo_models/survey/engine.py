@@ -15,13 +15,13 @@ from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from queue import SimpleQueue
-from typing import Any, NamedTuple, Protocol
+from typing import Any
 
 from servo_models.data.readers.columns import extra
 from servo_models.errors import UserError
 from servo_models.files import scratch
 from servo_models.foreign.child import Child
-from servo_models.survey.job import Job, failed, run
+from servo_models.survey.job import Done, Job, failed, run
 from servo_models.survey.store import digest, files_of
 
 GRACE_FACTOR, GRACE_SECONDS = 3.0, 600.0  # past the time limit of a job, until its process is ended
@@ -31,56 +31,46 @@ CONNECT_SECONDS = 10.0  # in which a scheduler has to answer
 IN_FLIGHT_PER_THREAD = 4  # jobs that a cluster is given at a time
 
 
-class Done(NamedTuple):
-    """A job with the JSON that is kept of it and its page."""
-
-    job: Job
-    kept: bytes
-    page: bytes
-
-
-def seconds_allowed(limit: float | None) -> float:
-    """Time after which the process of a diagnosis is ended: beyond the limit of its search."""
-    return NO_LIMIT_SECONDS if limit is None else GRACE_FACTOR * limit + GRACE_SECONDS
-
-
-class Works(Protocol):
-    """Does a job, such as in a process of its own, which ``close`` ends in the middle of it."""
-
-    def __call__(self, job: Any, /) -> Any: ...
-
-    def close(self) -> None: ...
-
-
 class Worker:
-    """A process that does jobs, one after another."""
+    """A process that does jobs, one after another.
 
-    def __init__(self) -> None:
-        self._child: Child | None = None
+    Args:
+        limit: time of the search for a diagnosis [s]; some time after it the process is ended.
+        failed: makes the result of a job that ended its process, with the reason.
+        make, arguments: as of ``Child``.
+    """
 
-    def __call__(self, job: Job) -> Done:
-        seconds = seconds_allowed(job.options.get("time_limit"))
-        if self._child is None or self._child.seconds != seconds:
-            cure = "give it another --time-limit"
-            self._child = Child(_running, (), seconds, "the diagnosis", cure)
+    def __init__(
+        self,
+        limit: float | None,
+        failed: Callable[[Any, str], Any],
+        make: Callable[..., Any],
+        *arguments: Any,
+    ) -> None:
+        seconds = NO_LIMIT_SECONDS if limit is None else GRACE_FACTOR * limit + GRACE_SECONDS
+        cure = "give it another --time-limit"
+        self._child = Child(make, arguments, seconds, "the diagnosis", cure)
+        self._failed = failed
+
+    def __call__(self, job: Any) -> Any:
         try:
-            return Done(job, *self._child(job))
+            return self._child(job)
         except UserError as error:
-            return Done(job, failed(job, str(error)), b"")
+            return self._failed(job, str(error))
 
     def close(self) -> None:
         """End the process, also in the middle of a job."""
-        if self._child is not None:
-            self._child.close()
+        self._child.close()
 
 
-def _running() -> Callable[[Job], tuple[bytes, bytes]]:
+def runner() -> Callable[[Job], Done]:
+    """Return what does a job, in a process of its own."""
     return run
 
 
-def here(jobs: Iterator[Any], workers: Sequence[Works]) -> Generator[Any, None, None]:
+def here(jobs: Iterator[Any], workers: Sequence[Worker]) -> Generator[Any, None, None]:
     """Yield jobs as they are done by processes of this machine; a job is taken when one is free."""
-    free: SimpleQueue[Works] = SimpleQueue()
+    free: SimpleQueue[Worker] = SimpleQueue()
     for worker in workers:
         free.put(worker)
 
@@ -157,21 +147,22 @@ def _content(job: Job) -> list[tuple[str, bytes]]:
     return [(os.path.relpath(path, root), path.read_bytes()) for path in files]
 
 
-class _There(threading.local):
-    """What a thread of a Dask worker has."""
-
-    def __init__(self) -> None:
-        self.worker = Worker()
+_there = threading.local()  # with the process of a thread of a Dask worker
 
 
-_there = _There()
+def _done_there(job: Job) -> Done:
+    limit = job.options.get("time_limit")
+    if getattr(_there, "limit", "of no job yet") != limit:
+        _there.limit, _there.worker = limit, Worker(limit, failed, runner)
+    done: Done = _there.worker(job)
+    return done
 
 
 def _read_there(job: Job, digests: dict[str, str]) -> Done | None:
     """Do a job on a cluster, None where its files are other ones there."""
     if any(digest(Path(path)) != known for path, known in digests.items()):
         return None
-    return _there.worker(job)
+    return _done_there(job)
 
 
 def _sent_there(job: Job, files: Sequence[tuple[str, bytes]]) -> Done:
@@ -181,4 +172,4 @@ def _sent_there(job: Job, files: Sequence[tuple[str, bytes]]) -> Done:
             path = Path(folder, name)
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(content)
-        return _there.worker(replace(job, description=Path(folder, files[0][0])))._replace(job=job)
+        return _done_there(replace(job, description=Path(folder, files[0][0])))._replace(job=job)

@@ -10,7 +10,7 @@ import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import msgspec
 import numpy as np
@@ -37,26 +37,36 @@ EPISODE_STEPS = 20  # least-squares steps of such a fit
 
 @dataclass(frozen=True)
 class Job:
-    """What a worker is given.
+    """The joint of a unit, and how it is diagnosed.
 
     Attributes:
-        key: hash of the description, its data, the version and ``options``.
         unit, joint: whose logs they are.
         description: its file.
         conditions: what is known of the unit beside its logs, by name.
+        failure: why there is no description that can be read.
+        key: hash of the description, its data, the version and ``options``.
         options: keywords of ``diagnose``, such as ``seed`` and ``quick``.
         trust: Python files that the description names are run wherever they lie.
         report: a page is wanted.
     """
 
-    key: str
     unit: str
     joint: str
     description: Path
     conditions: Mapping[str, str] = field(default_factory=dict)
+    failure: str = ""
+    key: str = ""
     options: Mapping[str, Any] = field(default_factory=dict)
     trust: bool = False
     report: bool = True
+
+
+class Done(NamedTuple):
+    """A job with the JSON that is kept of it and its page, empty where none is wanted."""
+
+    job: Job
+    kept: bytes
+    page: bytes = b""
 
 
 class Estimate(Document, frozen=True):
@@ -148,11 +158,8 @@ class Outcome(Document, frozen=True, kw_only=True):
         return f"{Path(self.actuator).name} {self.variant}"
 
 
-def run(job: Job) -> tuple[bytes, bytes]:
-    """Check and diagnose; return the JSON that is kept, and the page, empty where none is wanted.
-
-    A fault of the description or of its logs is an outcome, too.
-    """
+def run(job: Job) -> Done:
+    """Check and diagnose; a fault of the description or of its logs is an outcome, too."""
     begin = time.perf_counter()
     try:
         description = read_description(job.description, job.trust)
@@ -161,7 +168,7 @@ def run(job: Job) -> tuple[bytes, bytes]:
         shown = page(page_of(found)).encode() if job.report else b""
     except (UserError, MemoryError) as error:
         why = str(error) or "it needs more memory"
-        return failed(job, why, time.perf_counter() - begin), b""
+        return failed(job, why, time.perf_counter() - begin)
     parameters = found.model.plant.parameters
     nominal = [value for value in found.found if not parameters[value.name].owner]
     kept = _kept(
@@ -185,12 +192,12 @@ def run(job: Job) -> tuple[bytes, bytes]:
         diagnosis=msgspec.Raw(found.to_json().encode()),
         seconds=time.perf_counter() - begin,
     )
-    return kept, shown
+    return Done(job, kept, shown)
 
 
-def failed(job: Job, why: str, seconds: float = 0.0) -> bytes:
-    """Return the JSON that is kept of a job that came to nothing."""
-    return _kept(job, failure=why, seconds=seconds)
+def failed(job: Job, why: str, seconds: float = 0.0) -> Done:
+    """Return what is kept of a job that came to nothing."""
+    return Done(job, _kept(job, failure=why, seconds=seconds))
 
 
 def _kept(job: Job, **known: Any) -> bytes:

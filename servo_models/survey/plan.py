@@ -26,6 +26,7 @@ from servo_models.data.scaffold import Draft, draft
 from servo_models.data.schema import named_files, quoted
 from servo_models.errors import UserError
 from servo_models.files import read_regular, scratch, write_whole
+from servo_models.survey.job import Job
 
 DESCRIPTIONS = "descriptions"  # folder of a survey with what it has drafted
 JOBS = "jobs"  # and with what is kept of each job
@@ -38,28 +39,9 @@ Tell = Callable[[int, int | None, str], None]
 first, without these numbers, what there is to do."""
 
 
-@dataclass(frozen=True)
-class Planned:
-    """The joint of a unit; ``failure`` says why it has no description that can be read."""
-
-    unit: str
-    joint: str
-    description: Path
-    conditions: Mapping[str, str] = field(default_factory=dict)
-    failure: str = ""
-
-
-@dataclass(frozen=True)
-class Plan:
-    """Jobs, and what is to be told of them, such as what was guessed or left out."""
-
-    jobs: tuple[Planned, ...]
-    notes: tuple[str, ...] = ()
-
-
 @dataclass
-class _Planner:
-    """Collects the jobs of a path.
+class Plan:
+    """The jobs of a path, as they are found.
 
     Attributes:
         root: folder from which units are named.
@@ -67,6 +49,8 @@ class _Planner:
         actuator: what made the logs, None for a guess.
         trust: as for descriptions.
         tell: is told how far it has come.
+        jobs: without a key and options.
+        notes: what is to be told of them, such as what was guessed or left out.
         units: by the folder of their descriptions.
         drafted: descriptions of logs.
     """
@@ -76,7 +60,7 @@ class _Planner:
     actuator: str | None
     trust: bool
     tell: Tell
-    jobs: list[Planned] = field(default_factory=list)
+    jobs: list[Job] = field(default_factory=list)
     notes: dict[str, None] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
     drafted: set[Path] = field(default_factory=set)
@@ -98,7 +82,7 @@ class _Planner:
                     others.append(path)
         described = {file.resolve() for path in descriptions for file in named_files(path)}
         for path in descriptions:
-            self.jobs.append(Planned(self.unit(path), path.stem, path))
+            self.jobs.append(Job(self.unit(path), path.stem, path))
         for path in counted(others, self.tell, "logs looked at"):
             if path.resolve() not in described:
                 self.add("", path.stem, [path], {})
@@ -145,14 +129,14 @@ class _Planner:
                     raise UserError(
                         f"'{first}' and {len(others)} more: give a description a row of its own"
                     )
-                self.jobs.append(Planned(owner, joint, first, conditions))
+                self.jobs.append(Job(owner, joint, first, conditions))
             elif not others and (recorded := recording(first, self.actuator)):
                 own = first if first.is_dir() else first.with_suffix("")
                 self.joints(recorded, unit or self.inside(own), conditions)
             else:
                 self.joint(owner, joint, logs, conditions)
         except UserError as error:  # which is told as that of this joint, and the others go on
-            self.jobs.append(Planned(owner, joint, first, conditions, str(error)))
+            self.jobs.append(Job(owner, joint, first, conditions, str(error)))
 
     def joints(self, recorded: Recording, unit: str, conditions: Mapping[str, str]) -> None:
         """Add the joints of a recording."""
@@ -161,7 +145,7 @@ class _Planner:
             if not text.startswith("wrote"):
                 self.notes[f"{unit}: {text}"] = None
         for file in sorted(folder.glob("*.toml")):
-            self.jobs.append(Planned(unit, file.stem, file, conditions))
+            self.jobs.append(Job(unit, file.stem, file, conditions))
 
     def joint(
         self, unit: str, joint: str, logs: Sequence[Path], conditions: Mapping[str, str]
@@ -181,7 +165,7 @@ class _Planner:
                 text = _with_runs(text, usable or logs, path.parent)
             write_whole(path, text.encode())
             self.notes |= {f"{unit} {joint}: {text}": None for text in made.warnings}
-        self.jobs.append(Planned(unit, joint, path, conditions))
+        self.jobs.append(Job(unit, joint, path, conditions))
 
     def reads(self, made: Draft, log: Path, name: str) -> bool:
         """Whether a log can be read by a draft; if not, a note says why it is left out."""
@@ -220,20 +204,20 @@ def plan(
         )
     whole = os.path.isfile(path) or _is_whole(path)
     root = path.resolve().parent if whole else path.resolve()
-    planner = _Planner(root, survey.resolve() / DESCRIPTIONS, actuator, trust, tell)
+    found = Plan(root, survey.resolve() / DESCRIPTIONS, actuator, trust, tell)
     if _is_table(path):
-        planner.table(path)
+        found.table(path)
     elif whole:
-        planner.add("", path.stem, [path.resolve()], {})
+        found.add("", path.stem, [path.resolve()], {})
     else:
-        planner.folder(root, survey.resolve())
-    if not planner.jobs:
+        found.folder(root, survey.resolve())
+    if not found.jobs:
         ends = ", ".join(suffixes())
         raise UserError(
             f"'{path}' has nothing to diagnose: neither a description nor a recording or log"
             f" ({ends})"
         )
-    return Plan(tuple(planner.jobs), tuple(planner.notes))
+    return found
 
 
 def counted(items: Collection[T], tell: Tell, doing: str) -> Iterator[T]:

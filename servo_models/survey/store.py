@@ -10,8 +10,8 @@ import functools
 import hashlib
 import json
 import os
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -22,8 +22,8 @@ from servo_models.data.readers.lerobot import DATA, INFO
 from servo_models.data.schema import named_files, named_texts
 from servo_models.errors import UserError
 from servo_models.files import check_writable, locked, matching, write_whole
-from servo_models.survey.job import VERSION, Outcome
-from servo_models.survey.plan import JOBS, Planned
+from servo_models.survey.job import VERSION, Done, Job, Outcome
+from servo_models.survey.plan import JOBS
 
 REPORTS, CLAIMS = "reports", "claims"  # folders of a survey
 
@@ -37,12 +37,12 @@ def files_of(description: Path) -> list[Path]:
     return list(dict.fromkeys(files))
 
 
-def key_of(planned: Planned, options: Mapping[str, Any]) -> str:
+def key_of(job: Job, options: Mapping[str, Any]) -> str:
     """Return the hash of a job: of its names, description, data, options and version."""
-    parts: list[object] = [VERSION, version("servo-models"), planned.unit, planned.joint]
-    parts += [planned.failure, sorted(options.items())]
-    folder = planned.description.parent
-    for file in files_of(planned.description):
+    parts: list[object] = [VERSION, version("servo-models"), job.unit, job.joint]
+    parts += [job.failure, sorted(options.items())]
+    folder = job.description.parent
+    for file in files_of(job.description):
         parts.append((os.path.relpath(file, folder), digest(file)))
     return hashlib.sha256(json.dumps(parts, default=str).encode()).hexdigest()
 
@@ -84,22 +84,20 @@ class Store:
         """Return what is kept of a job, None for nothing, or what no survey has written."""
         return read_outcome(self.path(key))
 
-    def put(self, key: str, kept: bytes, page: bytes = b"") -> Outcome:
+    def put(self, done: Done) -> Outcome:
         """Keep what came of a job, its page first, so that what is done has one; return it.
 
         Raises:
             UserError: the disk is full, or may not be written.
         """
-        if page:
-            write_whole(self.folder / REPORTS / f"{key}.html", page)
-        write_whole(self.path(key), kept)
-        return _decoded(kept)
+        if done.page:
+            write_whole(self.folder / REPORTS / f"{done.job.key}.html", done.page)
+        write_whole(self.path(done.job.key), done.kept)
+        return _decoded(done.kept)
 
-    @contextmanager
-    def claimed(self, key: str) -> Iterator[bool]:
+    def claimed(self, key: str) -> AbstractContextManager[bool]:
         """Whether a job is ours to do while the block runs: no other process has it in hand."""
-        with locked(self.folder / CLAIMS / key) as ours:
-            yield ours
+        return locked(self.folder / CLAIMS / key)
 
 
 def read_outcome(path: Path) -> Outcome | None:

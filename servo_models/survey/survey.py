@@ -5,22 +5,22 @@ from __future__ import annotations
 import os
 import time
 from collections import Counter
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack, closing, suppress
+from dataclasses import replace
 from pathlib import Path
 from statistics import fmean
-from typing import Any
 
-from msgspec.structs import replace
+from msgspec import structs
 
 from servo_models.data.joints.drafts import as_file
 from servo_models.data.parameters import write_parameters
 from servo_models.errors import UserError
 from servo_models.files import write_with
 from servo_models.report.numbers import plural
-from servo_models.survey.engine import Done, Worker, here, on_cluster
-from servo_models.survey.job import Job, Outcome, failed
-from servo_models.survey.plan import DESCRIPTIONS, Planned, Tell, counted, plan
+from servo_models.survey.engine import Worker, here, on_cluster, runner
+from servo_models.survey.job import Done, Job, Outcome, failed
+from servo_models.survey.plan import DESCRIPTIONS, Tell, counted, plan
 from servo_models.survey.result import Survey, told_apart
 from servo_models.survey.store import Store, key_of, read_outcomes
 
@@ -90,18 +90,20 @@ def survey(
         )
     options = {"seed": seed, "quick": quick, "time_limit": time_limit}
     work = _Work(store, tell)
-    for one in counted(planned.jobs, tell, "joints whose data were read"):
-        work.add(one, options, trust, reports)
+    for job in counted(planned.jobs, tell, "joints whose data were read"):
+        key = key_of(job, options)
+        work.add(replace(job, key=key, options=options, trust=trust, report=reports))
     if scheduler:
         work.do(lambda todo: on_cluster(todo, scheduler), "on the cluster", 1)
     else:
         where = f"on {plural(processes, 'processor')}"
-        workers = [Worker() for _ in range(processes)]
+        workers = [Worker(time_limit, failed, runner) for _ in range(processes)]
         work.do(lambda todo: here(todo, workers), where, processes)
     outcomes = [
-        replace(work.outcomes[key], conditions=job.conditions) for key, job in work.jobs.items()
+        structs.replace(work.outcomes[key], conditions=job.conditions)
+        for key, job in work.jobs.items()
     ]
-    found = Survey(root.resolve().name, told_apart(outcomes), planned.notes, earlier, folder)
+    found = Survey(root.resolve().name, told_apart(outcomes), tuple(planned.notes), earlier, folder)
     for name, table in (("table", found.table()), ("estimates", found.estimates())):
         write_with(folder / f"{name}.csv", table.write_csv)
         write_with(folder / f"{name}.parquet", table.write_parquet)
@@ -121,17 +123,14 @@ class _Work:
         self.outcomes: dict[str, Outcome] = {}
         self.claims: dict[str, ExitStack] = {}
 
-    def add(self, one: Planned, options: Mapping[str, Any], trust: bool, report: bool) -> None:
+    def add(self, job: Job) -> None:
         """Add a job, with what is known of it."""
-        key = key_of(one, options)
-        where, conditions = one.description, one.conditions
-        job = Job(key, one.unit, one.joint, where, conditions, options, trust, report)
-        self.jobs[key] = job
-        known = self.store.get(key)
-        if one.failure and known is None:
-            known = self.store.put(key, failed(job, one.failure))
+        self.jobs[job.key] = job
+        known = self.store.get(job.key)
+        if job.failure and known is None:
+            known = self.store.put(failed(job, job.failure))
         if known is not None:
-            self.outcomes[key] = known
+            self.outcomes[job.key] = known
 
     def do(
         self,
@@ -156,9 +155,9 @@ class _Work:
         try:
             while len(self.outcomes) < every:
                 with closing(engine(self._todo())) as results:
-                    for job, kept, page in results:
-                        outcome = self.outcomes[job.key] = self.store.put(job.key, kept, page)
-                        self.claims.pop(job.key).close()
+                    for done in results:
+                        outcome = self.outcomes[done.job.key] = self.store.put(done)
+                        self.claims.pop(done.job.key).close()
                         self._count(outcome, before, processes)
                 if len(self.outcomes) < every:  # another process has them in hand
                     time.sleep(POLL_SECONDS)

@@ -32,13 +32,12 @@ from servo_models.diagnosis.search.candidates import LEAST_OVER_TYPICAL, Values,
 from servo_models.diagnosis.search.priors import prior_parameters
 from servo_models.diagnosis.verdict import NO_GAP, NOT_IDENTIFIABLE, OUTSIDE, PARAMETERS
 from servo_models.errors import UserError
-from servo_models.foreign.child import Child
 from servo_models.identification.fit import checked_logs
 from servo_models.identification.simulation import prepared
 from servo_models.report.document import Document, Figure, Magnitude, Share, about, choice
 from servo_models.report.numbers import plural
 from servo_models.report.result import Result
-from servo_models.survey.engine import here, seconds_allowed
+from servo_models.survey.engine import Worker, here
 from servo_models.survey.plan import Tell
 from servo_models.survey.survey import duration
 from servo_models.units import parse
@@ -179,7 +178,7 @@ def rehearse(
     told(0, None, f"{len(cases)} diagnoses to do, {lasts} {plural(processes, 'processor')}")
     answers: dict[Case, Answer] = {}
     begin = time.monotonic()
-    workers = [_Process(*arguments) for _ in range(processes)]
+    workers = [Worker(time_limit, _failed, Rig, *arguments) for _ in range(processes)]
     with suppress(KeyboardInterrupt), closing(here(iter(cases), workers)) as results:
         for one in results:
             answers[Case(one.effect, one.wanted)] = one
@@ -195,22 +194,8 @@ def rehearse(
     )
 
 
-class _Process:
-    """Answers cases in a process of its own: a crash ends one."""
-
-    def __init__(self, *rig: Any) -> None:
-        seconds, cure = seconds_allowed(rig[-1]), "give it another --time-limit"
-        self._child = Child(Rig, rig, seconds, "the diagnosis", cure)
-
-    def __call__(self, case: Case) -> Answer:
-        try:
-            answer: Answer = self._child(case)
-        except UserError as error:
-            return Answer(*case, FAILED, failure=str(error))
-        return answer
-
-    def close(self) -> None:
-        self._child.close()
+def _failed(case: Case, why: str) -> Answer:
+    return Answer(*case, FAILED, failure=why)
 
 
 class Rig:
@@ -342,7 +327,7 @@ class Rig:
             logs = self.logs(values, random)
             found = diagnose(replace(self.description, logs=logs), jobs=1, time_limit=self.limit)
         except UserError as error:
-            return Answer(*case, FAILED, failure=str(error))
+            return _failed(case, str(error))
         verdict, weights = found.verdict, {}
         if verdict.kind not in (NO_GAP, PARAMETERS, OUTSIDE):
             weights = {name: verdict.weights[name] for name in verdict.members}
