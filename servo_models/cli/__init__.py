@@ -6,6 +6,7 @@ Nothing is computed here, and nothing heavy is imported before a command runs.
 from __future__ import annotations
 
 import contextlib
+import importlib
 import io
 import os
 import sys
@@ -16,27 +17,13 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from servo_models.cli.blind import blind
-from servo_models.cli.build import build
-from servo_models.cli.check import check
-from servo_models.cli.compare import compare
 from servo_models.cli.console import disarmed
-from servo_models.cli.diagnose import diagnose
-from servo_models.cli.explain import explain
-from servo_models.cli.explore import explore
-from servo_models.cli.export import export
-from servo_models.cli.figures import figures
-from servo_models.cli.identify import identify
-from servo_models.cli.import_ import import_
-from servo_models.cli.list_ import list_
-from servo_models.cli.new import new
-from servo_models.cli.rehearse import rehearse
-from servo_models.cli.sample import sample
-from servo_models.cli.simulate import simulate
-from servo_models.cli.survey import survey
-from servo_models.cli.validate import validate
 from servo_models.errors import UserError, did_you_mean
 
+COMMANDS = (
+    *("list", "explain", "explore", "new", "simulate", "figures", "check", "identify", "diagnose"),
+    *("rehearse", "survey", "compare", "sample", "export", "import", "blind", "build", "validate"),
+)
 EXIT_FAILED = 2  # exit code of a command that could not run
 READ_ENOUGH = 141  # exit status of a program whose reader is gone, as shells tell SIGPIPE
 INTERRUPTED = 130  # exit status that typer gives Ctrl-C, without a message
@@ -87,24 +74,9 @@ def _options(
     """Options of the command itself."""
 
 
-app.command(name="list")(list_)
-app.command()(explain)
-app.command()(explore)
-app.command()(new)
-app.command()(simulate)
-app.command()(figures)
-app.command()(check)
-app.command()(identify)
-app.command()(diagnose)
-app.command()(rehearse)
-app.command()(survey)
-app.command()(compare)
-app.command()(sample)
-app.command()(export)
-app.command(name="import")(import_)
-app.command()(blind)
-app.command()(build)
-app.command()(validate)
+for command in COMMANDS:
+    module = {"list": "list_", "import": "import_"}.get(command, command)
+    app.command(name=command)(getattr(importlib.import_module(f"{__name__}.{module}"), module))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -23,11 +23,10 @@ from servo_models.cli.options import (
     Trust,
     check_outputs,
     file_option,
+    time_option,
     write_result,
 )
 from servo_models.errors import UserError
-
-GAP_FOUND = 1  # exit code
 
 
 def diagnose(
@@ -61,8 +60,7 @@ def diagnose(
         bool, typer.Option("--quick", help="Stop at the first answer: effects one at a time.")
     ] = False,
     time_limit: Annotated[
-        str | None,
-        typer.Option(metavar="TIME", help="Stop after this time, such as 60s, and tell the best."),
+        float | None, time_option("Stop after this time, such as 60s, and tell the best.")
     ] = None,
     trust: Trust = False,
     largest: Largest = None,
@@ -97,7 +95,6 @@ def diagnose(
     from servo_models.diagnosis.diagnose import diagnose as run
     from servo_models.diagnosis.document import github
     from servo_models.diagnosis.search.selection import FIRST_ANSWER, TOLERANCE
-    from servo_models.units import parse
 
     toml = ((out, ".toml"), (map_, ".toml"))
     check_outputs((json, ".json"), (report, ".html"), *toml, description=description)
@@ -106,7 +103,6 @@ def diagnose(
     allowed = TOLERANCE if tolerance is None else tolerance
     if not isfinite(allowed):
         raise UserError(f"--tolerance {allowed}: give a number of noise floors, such as 2")
-    limit = None if time_limit is None else parse(time_limit, "s")
     with progress("diagnosing") as bar:
 
         def tell(text: str) -> None:
@@ -115,7 +111,9 @@ def diagnose(
                 print(f"{text}{'' if quick else '; refining'}", file=sys.stderr, flush=True)
 
         rig = read_description(description, trust)
-        result = run(rig, allowed, seed, jobs, tell=tell, fmu=True, time_limit=limit, quick=quick)
+        result = run(
+            rig, allowed, seed, jobs, tell=tell, fmu=True, time_limit=time_limit, quick=quick
+        )
         folders = {path.parent for path in (json, report) if path}
         try:
             bar(0, None, "looking for the next experiment")
@@ -136,7 +134,7 @@ def diagnose(
         print_commands(github(result))
     else:
         show(result.report())
-    return 0 if result.within_tolerance else GAP_FOUND
+    return 0 if result.within_tolerance else 1
 
 
 def _check_signals(path: Path, description: Path) -> None:

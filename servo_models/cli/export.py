@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from servo_models.cli.options import Json, Largest, Trust, check_outputs, write_result
+from servo_models.cli.options import Json, Largest, Trust, check_outputs, completing, write_result
 from servo_models.errors import UserError
 
 
-def complete_simulator(incomplete: str) -> list[str]:
+def _simulators(_: Any) -> Iterable[str]:
     from servo_models.simulators import simulators
 
-    return [name for name in simulators() if name.startswith(incomplete)]
+    return simulators()
 
 
 def export(
@@ -24,7 +25,7 @@ def export(
         typer.Option(
             metavar="SIMULATOR",
             help="mujoco, isaaclab, jsbsim or ardupilot.",
-            autocompletion=complete_simulator,
+            autocompletion=completing(_simulators),
         ),
     ],
     log: Annotated[

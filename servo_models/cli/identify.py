@@ -19,8 +19,6 @@ from servo_models.cli.options import (
 )
 from servo_models.errors import UserError
 
-NOT_BELIEVABLE = 1  # exit code
-
 
 def identify(
     description: Described,
@@ -84,4 +82,4 @@ def identify(
         raise UserError(
             f"'{out}' is not written: no parameter of this actuator was found this way, see above"
         )
-    return 0 if outcome.believable else NOT_BELIEVABLE
+    return 0 if outcome.believable else 1

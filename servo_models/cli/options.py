@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -90,39 +90,41 @@ def assignments(option: str, texts: Iterable[str]) -> dict[str, str]:
 EXAMPLE = "load_torque='20 mN.m'"
 
 
-def complete_actuator(incomplete: str) -> list[str]:
+def completing(names: Callable[[typer.Context], Iterable[str]]) -> Callable[..., list[str]]:
+    """Return a shell completion from the names that fit a command line."""
+
+    def complete(ctx: typer.Context, incomplete: str) -> list[str]:
+        return [name for name in names(ctx) if name.startswith(incomplete)]
+
+    return complete
+
+
+def _actuators(_: Any = None) -> Mapping[str, Any]:
     from servo_models.core.catalogue import all_actuators
 
-    return [name for name in all_actuators() if name.startswith(incomplete)]
+    return all_actuators()
 
 
-def complete_name(incomplete: str) -> list[str]:
-    from servo_models.core.catalogue import all_actuators, effects
+def _names(_: Any) -> list[str]:
+    from servo_models.core.catalogue import effects
 
-    return [name for name in [*all_actuators(), *effects()] if name.startswith(incomplete)]
-
-
-def complete_variant(ctx: typer.Context, incomplete: str) -> list[str]:
-    names = [variant.name for found in _typed(ctx) for variant in found.variants]
-    return [name for name in names if name.startswith(incomplete)]
-
-
-def complete_setting(ctx: typer.Context, incomplete: str) -> list[str]:
-    names = [name for found in _typed(ctx) for name in found.plant.parameters]
-    return [f"{name}=" for name in names if name.startswith(incomplete)]
-
-
-def complete_input(ctx: typer.Context, incomplete: str) -> list[str]:
-    names = [wire.name for found in _typed(ctx) for wire in found.plant.inputs]
-    return [f"{name}=" for name in names if name.startswith(incomplete)]
+    return [*_actuators(), *effects()]
 
 
 def _typed(ctx: typer.Context) -> list[Any]:
     """The actuator on an unfinished command line, where it may not yet be parsed as an argument."""
-    from servo_models.core.catalogue import all_actuators
+    words: list[Any] = [ctx.params.get("actuator"), ctx.params.get("name"), *ctx.args]
+    return [_actuators()[word] for word in words if word in _actuators()]
 
-    words = [ctx.params.get("actuator"), ctx.params.get("name"), *ctx.args]
-    return [all_actuators()[word] for word in words if word in all_actuators()]
+
+complete_actuator, complete_name = completing(_actuators), completing(_names)
+complete_variant = completing(lambda ctx: (it.name for one in _typed(ctx) for it in one.variants))
+complete_setting = completing(
+    lambda ctx: (f"{name}=" for one in _typed(ctx) for name in one.plant.parameters)
+)
+complete_input = completing(
+    lambda ctx: (f"{wire.name}=" for one in _typed(ctx) for wire in one.plant.inputs)
+)
 
 
 def write_result(result: Result, *, json: Path | None = None, report: Path | None = None) -> None:
@@ -140,6 +142,17 @@ def write_result(result: Result, *, json: Path | None = None, report: Path | Non
 def file_option(about: str) -> Any:
     """Return an option that names a file."""
     return typer.Option(metavar="FILE", help=about)
+
+
+def time_option(about: str) -> Any:
+    """Return an option that is a time [s]."""
+    return typer.Option(metavar="TIME", help=about, parser=_seconds)
+
+
+def _seconds(text: str) -> float:
+    from servo_models.units import parse
+
+    return parse(text, "s")
 
 
 Actuator = Annotated[

@@ -16,10 +16,9 @@ from servo_models.cli.options import (
     Trust,
     assignments,
     check_outputs,
+    time_option,
     write_result,
 )
-
-UNFINISHED = 1  # exit code
 
 
 def rehearse(
@@ -42,9 +41,7 @@ def rehearse(
     report: Report = None,
     seed: Seed = 0,
     jobs: Jobs = None,
-    time_limit: Annotated[
-        str | None, typer.Option(metavar="TIME", help="For each diagnosis, such as 60s.")
-    ] = None,
+    time_limit: Annotated[float | None, time_option("For each diagnosis, such as 60s.")] = None,
     trust: Trust = False,
     largest: Largest = None,
 ) -> int:
@@ -72,7 +69,6 @@ def rehearse(
     from servo_models.cli.console import progress, show
     from servo_models.survey.rehearsal.rehearse import FAILED, GAPS
     from servo_models.survey.rehearsal.rehearse import rehearse as run
-    from servo_models.units import parse
 
     check_outputs((json, ".json"), (report, ".html"), description=description)
     with progress("rehearsing", lines=True) as bar:
@@ -83,11 +79,11 @@ def rehearse(
             effects.split(",") if effects else (),
             jobs,
             seed,
-            None if time_limit is None else parse(time_limit, "s"),
+            time_limit,
             trust,
             tell=bar,
         )
     write_result(found, json=json, report=report)
     show(found.report())
     failed = any(answer.told == FAILED for answer in found.answers)
-    return UNFINISHED if failed or found.unfinished else 0
+    return 1 if failed or found.unfinished else 0

@@ -7,10 +7,8 @@ from typing import Annotated
 
 import typer
 
-from servo_models.cli.options import Jobs, Largest, MadeBy, Seed, Trust, file_option
+from servo_models.cli.options import Jobs, Largest, MadeBy, Seed, Trust, file_option, time_option
 from servo_models.errors import UserError
-
-GAP_FOUND = 1  # exit code
 
 
 def survey(
@@ -36,9 +34,7 @@ def survey(
     quick: Annotated[
         bool, typer.Option("--quick", help="Stop each at the first answer: effects one at a time.")
     ] = False,
-    time_limit: Annotated[
-        str | None, typer.Option(metavar="TIME", help="For each joint, such as 60s.")
-    ] = None,
+    time_limit: Annotated[float | None, time_option("For each joint, such as 60s.")] = None,
     reports: Annotated[
         bool, typer.Option("--reports/--no-reports", help="Write a page for each joint.")
     ] = True,
@@ -71,11 +67,9 @@ def survey(
     from servo_models.diagnosis.verdict import NO_GAP
     from servo_models.files import write_whole
     from servo_models.survey.survey import survey as run
-    from servo_models.units import parse
 
-    limit = None if time_limit is None else parse(time_limit, "s")
-    if limit is not None and not limit > 0.0:
-        raise UserError(f"--time-limit {time_limit}: give a time of more than 0 s")
+    if time_limit is not None and not time_limit > 0.0:
+        raise UserError(f"--time-limit {time_limit:g} s: give a time of more than 0 s")
     with progress("surveying", lines=True) as bar:
         found = run(
             path,
@@ -87,7 +81,7 @@ def survey(
             before,
             seed,
             quick,
-            limit,
+            time_limit,
             trust,
             tell=bar,
         )
@@ -95,4 +89,4 @@ def survey(
         write_whole(found.folder / "survey.json", f"{found.to_json()}\n".encode())
     show(found.report())
     print(f"see '{found.folder / 'index.html'}'")
-    return 0 if all(one.verdict == NO_GAP for one in found.outcomes) else GAP_FOUND
+    return 0 if all(one.verdict == NO_GAP for one in found.outcomes) else 1
