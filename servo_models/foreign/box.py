@@ -10,6 +10,7 @@ a box are kept by what it was sent.
 
 from __future__ import annotations
 
+import re
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -49,6 +50,11 @@ class Signal:
     high: float = np.inf
     about: str = ""
     rest: float = 0.0
+
+
+def name_of(text: str, otherwise: str = "") -> str:
+    """Return a name that a wire or an actuator may have."""
+    return re.sub(r"\W+|__+", "_", text).strip("_") or otherwise
 
 
 class Box(Protocol):

@@ -6,7 +6,6 @@ new instance, in a process of its own within limits of time and memory.
 
 from __future__ import annotations
 
-import re
 import weakref
 from collections.abc import Mapping
 from pathlib import Path
@@ -16,7 +15,7 @@ import numpy as np
 
 from servo_models.core.types import Array
 from servo_models.errors import UserError
-from servo_models.foreign.box import Signal
+from servo_models.foreign.box import Signal, name_of
 from servo_models.foreign.child import Pool
 from servo_models.units import factor
 from servo_models.validation.any_fmu.fmu import AnyFmu
@@ -36,7 +35,7 @@ class FmuBox:
         self._fmus = Pool(self._unpacked, fmu)
         described = fmu.description
         self.title = fmu.title
-        self.name = re.sub(r"\W+|__+", "_", described.modelName).strip("_") or "fmu"
+        self.name = name_of(described.modelName, "fmu")
         experiment = described.defaultExperiment
         self.stop_time = _number(experiment, "stopTime") or STOP
         self.step = _number(experiment, "stepSize") or STEP
@@ -49,7 +48,7 @@ class FmuBox:
             for one in real
             if one.causality == "parameter" and one.variability in ("fixed", "tunable")
         )
-        self._names = {_wire_name(one.name): one.name for one in real}
+        self._names = {name_of(one.name): one.name for one in real}
         for kind, found in (("input", self.inputs), ("output", self.outputs)):
             if not found:
                 raise UserError(
@@ -92,7 +91,7 @@ def _signal(variable: Any, parameter: bool = False) -> Signal:
     span = max(abs(it) for it in (low or 0.0, high or 0.0))
     size = start if parameter else nominal or span or FULL.get(unit, 1.0)
     return Signal(
-        _wire_name(variable.name),
+        name_of(variable.name),
         unit,
         size,
         -np.inf if low is None else low,
@@ -100,10 +99,6 @@ def _signal(variable: Any, parameter: bool = False) -> Signal:
         (variable.description or "").strip(),
         0.0 if parameter or variable.causality == "output" else start,
     )
-
-
-def _wire_name(name: str) -> str:
-    return re.sub(r"\W+|__+", "_", name).strip("_")
 
 
 def _number(owner: Any, key: str) -> float | None:

@@ -14,7 +14,6 @@ its own.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
@@ -27,7 +26,7 @@ from servo_models.core.own_actuator import executed
 from servo_models.core.types import Array
 from servo_models.errors import UserError, did_you_mean
 from servo_models.files import read_regular
-from servo_models.foreign.box import Signal
+from servo_models.foreign.box import Signal, name_of
 from servo_models.foreign.child import SECONDS, Child, Pool
 from servo_models.units import base_unit, parse
 
@@ -60,7 +59,7 @@ class FunctionBox:
             if table is not None
         )
         self.title = f"{path.name}, {name}"
-        self.name = re.sub(r"\W+|__+", "_", path.stem).strip("_") or "simulation"
+        self.name = name_of(path.stem, "simulation")
         self.step = _duration(path, "STEP", getattr(module, "STEP", STEP))
         self.stop_time = _duration(path, "STOP_TIME", getattr(module, "STOP_TIME", STOP))
         self._calls = Pool(partial(Child, _function, (path, name), SECONDS, self._what))

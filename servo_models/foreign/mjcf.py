@@ -8,7 +8,6 @@ and of its controller kp and kd.  Everything else of the file moves along.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
@@ -19,7 +18,7 @@ import numpy as np
 from servo_models.core.types import Array
 from servo_models.data.readers.columns import extra
 from servo_models.errors import UserError, did_you_mean
-from servo_models.foreign.box import Signal
+from servo_models.foreign.box import Signal, name_of
 from servo_models.foreign.child import SECONDS, Child, Pool
 
 STOP = 2.0  # s, of an experiment that shows what it does
@@ -41,8 +40,6 @@ FIXED_GAIN = 0  # mjtGain.mjGAIN_FIXED
 DC_GAIN = 3  # mjtGain.mjGAIN_DCMOTOR
 POSITION_INPUT = 1  # mjtCtrlInput.mjINPUT_POS
 VOLTAGE_INPUT = 8  # mjtCtrlInput.mjINPUT_VOLTAGE
-UNITS = {"damping": "N.m.s/rad", "armature": "kg.m2", "frictionloss": "N.m"}
-SLIDE_UNITS = {"damping": "N.s/m", "armature": "kg", "frictionloss": "N"}
 
 
 class MjcfBox:
@@ -52,11 +49,19 @@ class MjcfBox:
 
     def __init__(self, path: Path, joint: str) -> None:
         self.path, self.title = path, f"{path.name}, joint {joint}"
-        self.name = re.sub(r"\W+|__+", "_", joint).strip("_") or "joint"
+        self.name = name_of(joint, "joint")
         model = _loaded(path)
         place, drive = _found(model, path, joint)
         hinge = model.jnt_type[place] == HINGE
-        unit, units = ("rad", UNITS) if hinge else ("m", SLIDE_UNITS)
+        unit, force, mass = ("rad", "N.m", "kg.m2") if hinge else ("m", "N", "kg")
+        units = {
+            "armature": mass,
+            **dict.fromkeys(("frictionloss", "gear"), force),
+            **dict.fromkeys(("damping", "kv", "kd"), f"{force}.s/{unit}"),
+            "kp": f"{force}/{unit}",
+            "resistance": "Ohm",
+            "motorconst": f"{force}/A",
+        }
         low, high = model.jnt_range[place] if model.jnt_limited[place] else (-np.pi, np.pi)
         size = float(max(abs(low), abs(high)))
         kind, command = _kind(model, drive)
@@ -71,19 +76,10 @@ class MjcfBox:
         dof = model.jnt_dofadr[place]
         values = {key: float(getattr(model, field)[dof]) for key, field in JOINT.items()}
         known = [Signal(key, units[key], value, 0.0) for key, value in values.items()]
-        torque = "N.m" if hinge else "N"
-        of_drive = {
-            "kp": f"{torque}/{unit}",
-            "kv": f"{torque}.s/{unit}",
-            "kd": f"{torque}.s/{unit}",
-            "gear": torque,
-            "resistance": "Ohm",
-            "motorconst": f"{torque}/A",
-        }
         for key, ((array, column, sign), *_) in kind.items():
             value = sign * getattr(model, f"actuator_{array}")[drive][column]
             low = LEAST * value if key in DC_MOTOR else -np.inf if key == "gear" else 0.0
-            known.append(Signal(key, of_drive[key], float(value), low))
+            known.append(Signal(key, units[key], float(value), low))
         self.parameters = tuple(known)
         self.step, self.stop_time = float(model.opt.timestep), STOP
         what = f"'{path.name}#{joint}'"

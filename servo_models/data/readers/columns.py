@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import importlib
+import io
 import os
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -61,8 +62,19 @@ class Source:
             raise UserError(f"'{self.path}' has no table '{self.table}'; {cure}")
         return [self.table]
 
-    def damaged(self, kind: str) -> UserError:
-        return UserError(f"'{self.path}' is damaged or no {kind} file: write it again")
+    def damaged(self, kind: str, told: str = "damaged or no {} file: write it again") -> UserError:
+        return UserError(f"'{self.path}' is {told.format(kind)}")
+
+    @contextlib.contextmanager
+    def read_by_library(self, *damaged: str) -> Iterator[None]:
+        """Tell whatever a library raises, of many kinds, as ``damaged``; it prints nothing."""
+        try:
+            with contextlib.redirect_stdout(io.StringIO()):
+                yield
+        except UserError:
+            raise
+        except Exception as error:
+            raise self.damaged(*damaged) from error
 
 
 @dataclass(frozen=True)
@@ -78,6 +90,13 @@ class Tables:
     cells: Mapping[str, Sequence[pl.Series]]
     first_row: int = 1
     aliases: Mapping[str, str] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, parts: Mapping[str, tuple[Sequence[pl.Series], Mapping[str, str]]]) -> Tables:
+        """Return tables from their columns and aliases, which an only one has."""
+        cells = {name: columns for name, (columns, _) in parts.items()}
+        only = [aliases for _, aliases in parts.values()] if len(parts) == 1 else [{}]
+        return cls(cells, aliases=only[0])
 
 
 @dataclass(frozen=True, eq=False)

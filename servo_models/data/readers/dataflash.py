@@ -10,7 +10,6 @@ import io
 from typing import Any
 
 from servo_models.data.readers.columns import NUMBER, Source, Tables, column_of, extra
-from servo_models.errors import UserError
 from servo_models.files import check_size
 
 SUFFIXES = (".bin",)
@@ -25,14 +24,8 @@ def read(source: Source) -> Tables:
     reader = extra("ardupilot", "pymavlink.DFReader").DFReader_binary
     # the compiled indexer prints past sys.stderr
     in_python = type("Reader", (reader,), {"init_arrays_fast": reader.init_arrays})
-    quiet = io.StringIO()  # for what it says of every damaged byte
-    try:
-        with contextlib.redirect_stdout(quiet), contextlib.redirect_stderr(quiet):
-            tables = _tables(source, in_python(str(source.path)))
-    except UserError:
-        raise
-    except Exception as error:  # pymavlink raises many kinds
-        raise source.damaged("DataFlash") from error
+    with source.read_by_library("DataFlash"), contextlib.redirect_stderr(io.StringIO()):
+        tables = _tables(source, in_python(str(source.path)))
     if not tables:
         raise source.damaged("DataFlash")
     return Tables(

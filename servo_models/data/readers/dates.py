@@ -5,7 +5,7 @@ from __future__ import annotations
 import datetime
 import re
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -110,13 +110,11 @@ def _since(parts: dict[str, str | None]) -> int:
     Raises:
         ValueError: a part that no calendar or clock has.
     """
-    number = {name: int(text) for name, text in parts.items() if text and name not in KEPT}
-    time = datetime.time(number["hour"], number["minute"], number.get("second", 0))
-    days = 0
-    if "year" in number:
-        date = datetime.date(number["year"], number["month"], number["day"])
-        days = (date - datetime.date(1970, 1, 1)).days
-    whole = days * DAY + time.hour * 3600 + time.minute * 60 + time.second
+    told: dict[str, Any] = {
+        name: int(text) for name, text in parts.items() if text and name not in KEPT
+    }
+    time = datetime.datetime(**({"year": 1970, "month": 1, "day": 1} | told))
+    whole = (time - datetime.datetime(1970, 1, 1)) // datetime.timedelta(seconds=1)
     part = int((parts["part"] or "").ljust(9, "0")[:9])
     return (whole - (_offset(parts["zone"]) or 0)) * NANOSECONDS + part
 

@@ -37,7 +37,9 @@ def read(source: Source) -> Tables:
     """
     source.wanted([""])
     read_ = _read_73 if source.content.startswith(VERSION_73) else _read_5
-    columns = [column for name, value in read_(source) for column in _columns(name, value)]
+    with source.read_by_library("MAT"):
+        values = read_(source)
+    columns = [column for name, value in values for column in _columns(name, value)]
     if not columns:
         raise UserError(
             f"'{source.path}' has no vector of numbers: save arrays or a struct of them,"
@@ -49,16 +51,11 @@ def read(source: Source) -> Tables:
 def _read_5(source: Source) -> list[tuple[str, Any]]:
     import scipy.io
 
-    try:
-        if scipy.io.matlab.matfile_version(io.BytesIO(source.content))[0] != VERSION_4:
-            _check_unpacked(source)
-        whole = scipy.io.whosmat(io.BytesIO(source.content))
-        check_size(source.path, NUMBER * sum(float(np.prod(shape)) for _, shape, _ in whole))
-        return list(scipy.io.loadmat(io.BytesIO(source.content), simplify_cells=True).items())
-    except UserError:
-        raise
-    except Exception as error:  # scipy raises many kinds
-        raise source.damaged("MAT") from error
+    if scipy.io.matlab.matfile_version(io.BytesIO(source.content))[0] != VERSION_4:
+        _check_unpacked(source)
+    whole = scipy.io.whosmat(io.BytesIO(source.content))
+    check_size(source.path, NUMBER * sum(float(np.prod(shape)) for _, shape, _ in whole))
+    return list(scipy.io.loadmat(io.BytesIO(source.content), simplify_cells=True).items())
 
 
 def _check_unpacked(source: Source) -> None:
@@ -105,13 +102,8 @@ def _read_73(source: Source) -> list[tuple[str, Any]]:
             return None
         return np.squeeze(item[()].T)  # MATLAB counts by columns, HDF5 by rows
 
-    try:
-        with h5py.File(io.BytesIO(source.content)) as file:
-            return list(members(file).items())
-    except UserError:
-        raise
-    except Exception as error:  # h5py raises many kinds
-        raise source.damaged("MAT") from error
+    with h5py.File(io.BytesIO(source.content)) as file:
+        return list(members(file).items())
 
 
 def _elsewhere(source: Source, name: str) -> UserError:

@@ -32,26 +32,20 @@ def read(source: Source) -> Tables:
         UserError: it is damaged, or has no such topic; messages that are encoded otherwise.
     """
     reader = extra("mcap", "mcap.reader")
-    try:
+    with source.read_by_library("MCAP"):
         opened = reader.make_reader(io.BytesIO(source.content))
         summary = opened.get_summary()
         chunks = summary.chunk_indexes if summary else ()
         check_size(source.path, sum(chunk.uncompressed_size for chunk in chunks))
         messages = list(opened.iter_messages())
-    except UserError:
-        raise
-    except Exception as error:  # mcap raises many kinds
-        raise source.damaged("MCAP") from error
     topics: dict[str, list[Any]] = {}
     for item in messages:
         if item[1].message_encoding in ENCODINGS or item[1].topic == source.table:
             topics.setdefault(item[1].topic, []).append(item)
     first = min((message.log_time for _, _, message in messages), default=0)
-    cells: dict[str, list[pl.Series]] = {}
-    aliases: dict[str, str] = {}
-    for name in source.wanted(topics):
-        cells[name], aliases = _columns(source, topics[name], first)
-    return Tables(cells, aliases=aliases if len(cells) == 1 else {})
+    return Tables.of(
+        {name: _columns(source, topics[name], first) for name in source.wanted(topics)}
+    )
 
 
 def _columns(
@@ -65,10 +59,8 @@ def _columns(
         name: [getattr(message, name) for _, _, message in items]
         for name in ("log_time", "publish_time")
     }
-    try:
+    with source.read_by_library("MCAP"):
         records = [decoders[channel.id](message.data) for _, channel, message in items]
-    except Exception as error:  # as many kinds as there are decoders
-        raise source.damaged("MCAP") from error
     return message_columns(source, times, records, first)
 
 

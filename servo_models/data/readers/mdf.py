@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from servo_models.data.readers.columns import NUMBER, Source, Tables, array_column, extra
-from servo_models.errors import UserError
 from servo_models.files import check_size
 
 if TYPE_CHECKING:
@@ -43,16 +42,11 @@ def read(source: Source) -> Tables:
     """
     asammdf = extra("mdf", "asammdf")
     if source.content.startswith(BEGINNINGS):
-        with _silence():
+        with _silence(), source.read_by_library("MDF4"):
             stream = _Stream(source.content)
-            try:
-                with asammdf.MDF(stream, process_bus_logging=False) as file:
-                    stream.left = sys.maxsize
-                    return _tables(source, file)
-            except UserError:
-                raise
-            except Exception:  # asammdf raises many kinds
-                pass
+            with asammdf.MDF(stream, process_bus_logging=False) as file:
+                stream.left = sys.maxsize
+                return _tables(source, file)
     raise source.damaged("MDF4")
 
 
@@ -77,8 +71,7 @@ def _silence() -> Iterator[None]:
     log.disabled = True
     sys.unraisablehook = lambda _: None
     try:
-        with contextlib.redirect_stdout(io.StringIO()):
-            yield
+        yield
     finally:
         gc.collect()
         sys.unraisablehook = hook
@@ -94,8 +87,7 @@ def _tables(source: Source, file: Any) -> Tables:
             again[of] += 1
             name = f"{of}.{again[of]}"
         rasters[name] = number
-    cells: dict[str, list[pl.Series]] = {}
-    aliases: dict[str, str] = {}
+    parts: dict[str, tuple[list[pl.Series], dict[str, str]]] = {}
     size = 0
     for name in source.wanted(rasters):
         raster = file.virtual_groups[rasters[name]]
@@ -111,8 +103,8 @@ def _tables(source: Source, file: Any) -> Tables:
             last = file.get(group=group, index=place, raw=True, ignore_invalidation_bits=True)
             if len(last) != raster.cycles_nr:
                 raise source.damaged("MDF4")
-        cells[name], aliases = _columns(file, places)
-    return Tables(cells, aliases=aliases if len(cells) == 1 else {})
+        parts[name] = _columns(file, places)
+    return Tables.of(parts)
 
 
 def _columns(file: Any, places: list[tuple[int, int]]) -> tuple[list[pl.Series], dict[str, str]]:

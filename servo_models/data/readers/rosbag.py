@@ -15,7 +15,7 @@ from servo_models.errors import UserError
 from servo_models.files import check_size
 
 if TYPE_CHECKING:
-    import polars as pl
+    pass
 
 SUFFIXES = (".db3",)
 FOLDER = "metadata.yaml"  # file by which a folder is a bag
@@ -31,16 +31,15 @@ def read(source: Source) -> Tables:
     """
     rosbags, stores = extra("ros", "rosbags.highlevel"), extra("ros", "rosbags.typesys")
     usual = stores.get_typestore(stores.Stores.LATEST)
-    try:
-        with rosbags.AnyReader([Path(source.path)], default_typestore=usual) as bag:
-            return _tables(source, bag)
-    except UserError:
-        raise
-    except Exception as error:  # rosbags, apsw and ruamel raise many kinds
-        raise UserError(
-            f"'{source.path}' is damaged, cut short or no bag of ROS 2: 'ros2 bag reindex' mends"
-            " metadata.yaml and 'mcap recover' an .mcap, or record it again"
-        ) from error
+    with (
+        source.read_by_library(
+            "ROS 2",
+            "damaged, cut short or no bag of {}: 'ros2 bag reindex' mends metadata.yaml and 'mcap"
+            " recover' an .mcap, or record it again",
+        ),
+        rosbags.AnyReader([Path(source.path)], default_typestore=usual) as bag,
+    ):
+        return _tables(source, bag)
 
 
 def _tables(source: Source, bag: Any) -> Tables:
@@ -79,9 +78,11 @@ def _tables(source: Source, bag: Any) -> Tables:
         )
     known = dict.fromkeys([*records, *(it.topic for it in bag.connections)])
     names = [name for name in source.wanted(known) if name in records or source.table]
-    cells: dict[str, list[pl.Series]] = {}
-    aliases: dict[str, str] = {}
-    for name in names:
-        arrivals = {"log_time": times.get(name, [])}
-        cells[name], aliases = message_columns(source, arrivals, records.get(name, []), first)
-    return Tables(cells, aliases=aliases if len(names) == 1 else {})
+    return Tables.of(
+        {
+            name: message_columns(
+                source, {"log_time": times.get(name, [])}, records.get(name, []), first
+            )
+            for name in names
+        }
+    )

@@ -6,7 +6,6 @@ A further instance of a topic is called ``topic.1``, ``topic.2`` and so on.  Tim
 
 from __future__ import annotations
 
-import contextlib
 import io
 import struct
 
@@ -33,11 +32,8 @@ def read(source: Source) -> Tables:
             f"'{source.path}' ends within a message: copy it again; of a recording that was cut"
             " off, ulog2csv of pyulog writes the part before the cut as CSV"
         )
-    try:
-        with contextlib.redirect_stdout(io.StringIO()):  # pyulog talks about damaged messages
-            topics = pyulog.ULog(io.BytesIO(source.content)).data_list
-    except Exception as error:  # pyulog raises many kinds
-        raise source.damaged("ULog") from error
+    with source.read_by_library("ULog"):
+        topics = pyulog.ULog(io.BytesIO(source.content)).data_list
     named = {t.name if t.multi_id == 0 else f"{t.name}.{t.multi_id}": t for t in topics}
     return Tables(
         {
