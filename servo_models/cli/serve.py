@@ -85,9 +85,6 @@ class Server(ThreadingHTTPServer):
         description: that commands run on, None where a log has to be dropped first.
         options: of every command.
 
-    Raises:
-        UserError: the folder cannot be written.
-
     Example:
         >>> with Server(page, Path("mine_explored"), Path("mine.toml")) as server:
         ...     server.serve_forever()

@@ -27,11 +27,7 @@ def readers() -> dict[str, Reader]:
 
 
 def simulator(name: str) -> Simulator:
-    """Return a simulator by name.
-
-    Raises:
-        UserError: nobody knows that name.
-    """
+    """Return a simulator by name."""
     check_known("simulator", [name], simulators())
     return simulators()[name]
 

@@ -106,11 +106,7 @@ def lines(values: Mapping[str, float], step: float, inertia: float) -> str:
 
 
 def read(content: bytes, joint: str, inertia: float) -> Nominal:
-    """SIM_SERVO_SPEED, _DELAY and _FILTER of a parameter file; one that is missing has its default.
-
-    Raises:
-        UserError: none of them in it, a joint, a value that is no number.
-    """
+    """SPEED, DELAY and FILTER of a parameter file; one that is missing has its default."""
     if joint:
         raise UserError(f"all servos of SITL share {PREFIX}SPEED: leave out '#{joint:.40}'")
     settings = {"SPEED": DEFAULT_SPEED_S, "DELAY": 0.0, "FILTER": 0.0}

@@ -36,11 +36,7 @@ NEEDED = ("kt", "R", "armature")
 
 
 def read(content: bytes, joint: str, inertia: float) -> Nominal:
-    """The motor of a file; its load friction is that at balance of motor and load.
-
-    Raises:
-        UserError: no JSON of BAM, or a key that is missing or no number.
-    """
+    """The motor of a file; its load friction is that at balance of motor and load."""
     try:
         told = json.loads(content)
         missing = [key for key in ("model", *NEEDED) if key not in told]

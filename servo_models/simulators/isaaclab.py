@@ -125,11 +125,7 @@ JOINTS = "joint_names_expr"
 
 
 def read(content: bytes, joint: str, inertia: float) -> Nominal:
-    """A group of a configuration, by its name or by that of a joint; the file is not run.
-
-    Raises:
-        UserError: no Python, no such group, a value that is no number there.
-    """
+    """A group of a configuration, by its name or by that of a joint; the file is not run."""
     try:
         tree = ast.parse(content)
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:

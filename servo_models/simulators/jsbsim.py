@@ -124,11 +124,7 @@ def lines(values: Mapping[str, float], step: float, inertia: float) -> str:
 
 
 def read(content: bytes, joint: str, inertia: float) -> Nominal:
-    """An ``<actuator>`` by its name, in radians, or in degrees if a name in it ends in deg.
-
-    Raises:
-        UserError: no such actuator, or a value that is a property.
-    """
+    """An ``<actuator>`` by its name, in radians, or in degrees if a name in it ends in deg."""
     known = {it.get("name", ""): it for it in parsed(content).iter("actuator")}
     name = chosen("actuator", joint, [*known], "give a file with an <actuator>")
     element, origin = known[name], f"actuator '{name}'"

@@ -196,9 +196,6 @@ def read(content: bytes, joint: str, inertia: float) -> Nominal:
 
     ``position`` and ``pid`` are a servo, ``motor`` is a motor on a current of which 1 A is the
     torque of a control of 1, ``dcmotor`` a motor on a voltage or, with its controller, a servo.
-
-    Raises:
-        UserError: no such joint, no such actuator on it, an integral gain, another unit.
     """
     root = parsed(content)
     classes = _classes(root)

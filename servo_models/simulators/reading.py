@@ -23,11 +23,7 @@ Values = dict[str, tuple[float, str]]  # values [SI], each with where it comes f
 
 
 def parsed(content: bytes) -> ET.Element:
-    """Return the root of a foreign XML document; without entities it cannot grow.
-
-    Raises:
-        UserError: no XML, or a document type or entities.
-    """
+    """Return the root of a foreign XML document; without entities it cannot grow."""
     parser, builder = expat.ParserCreate(), ET.TreeBuilder()
 
     def refuse(*_: object) -> NoReturn:
@@ -52,9 +48,6 @@ def servo(
     In SI at the joint; an effort of 0 is no limit.  The two are equal: with free damping alone the
     largest speed is effort / free, else its largest acceleration is effort / inertia, and free
     damping beside the clipped one is viscous friction.
-
-    Raises:
-        UserError: no stiffness, or no inertia.
     """
     if stiffness <= 0.0:
         raise UserError(f"{origin} has no stiffness: give it one, this is no position servo")
@@ -97,11 +90,7 @@ def follower(origin: str, frequency: float = FAST, ratio: float = 1.0) -> Values
 
 
 def chosen(kind: str, asked: str, known: Sequence[str], cure: str) -> str:
-    """Return the name that is asked for; for "" the only known one.
-
-    Raises:
-        UserError: there is none, several, or none of that name.
-    """
+    """Return the name that is asked for; for "" the only known one."""
     if not known:
         raise UserError(f"no {kind} in it: {cure}")
     if asked in known or (len(known) == 1 and not asked):
@@ -115,11 +104,7 @@ def chosen(kind: str, asked: str, known: Sequence[str], cure: str) -> str:
 
 
 def numbers(text: str, count: int, what: str) -> list[float]:
-    """Return ``count`` finite numbers of an attribute.
-
-    Raises:
-        UserError: others.
-    """
+    """Return ``count`` finite numbers of an attribute."""
     with contextlib.suppress(ValueError):
         values = [float(word) for word in text.split()]
         if len(values) == count and all(abs(number) < LARGEST for number in values):

@@ -123,9 +123,6 @@ def refitted(
     Searches start from the best of a grid of motions; then the delay is rounded, and a field that
     lowers the error by less than a twentieth is left out.  ``ours`` are parameters of the model
     [SI], of which the simulator takes some as they are.
-
-    Raises:
-        UserError: logs that take too many steps.
     """
     lasts = sum(float(run.times[-1] - run.times[0]) for run in runs)
     if lasts > MOST_STEPS * step:

@@ -96,7 +96,7 @@ class Reader:
         suffixes: ends of names of its files.
         mark: text by which they differ from other files with these suffixes.
         read: bytes of such a file, which joint ("" for the only one) and the inertia [kg m^2] that
-            the joint carries beside what the file says.
+            the joint carries beside what the file says; what lacks in it is a UserError.
     """
 
     title: str

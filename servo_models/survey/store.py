@@ -67,11 +67,7 @@ def _digest(file: Path, changed: int, size: int) -> str:
 
 
 class Store:
-    """The folder of a survey.
-
-    Raises:
-        UserError: it cannot be written.
-    """
+    """The folder of a survey."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -85,11 +81,7 @@ class Store:
         return read_outcome(self.path(key))
 
     def put(self, done: Done) -> Outcome:
-        """Keep what came of a job, its page first, so that what is done has one; return it.
-
-        Raises:
-            UserError: the disk is full, or may not be written.
-        """
+        """Keep what came of a job, its page first, so that what is done has one; return it."""
         if done.page:
             write_whole(self.folder / REPORTS / f"{done.job.key}.html", done.page)
         write_whole(self.path(done.job.key), done.kept)
@@ -116,11 +108,7 @@ def _decoded(kept: bytes) -> Outcome:
 
 
 def read_outcomes(folder: Path) -> tuple[Outcome, ...]:
-    """Return what an earlier survey has kept, of each joint the newest.
-
-    Raises:
-        UserError: there is nothing.
-    """
+    """Return what an earlier survey has kept, of each joint the newest."""
     files = sorted((folder / JOBS).glob("*.json"), key=lambda file: file.stat().st_mtime_ns)
     outcomes = filter(None, map(read_outcome, files))
     newest = {(outcome.unit, outcome.joint): outcome for outcome in outcomes}

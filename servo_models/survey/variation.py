@@ -121,9 +121,6 @@ def split(units: Sequence[str], values: Array, errors: Array) -> Split | None:
         values, errors: with their standard errors [SI], shape (n,).
 
     Source: Pinheiro, Bates, Mixed-Effects Models in S and S-PLUS (2000), sec. 2.2.
-
-    Raises:
-        UserError: statsmodels is not installed.
     """
     mixed = extra("survey", "statsmodels.regression.mixed_linear_model")
     names, group = np.unique(units, return_inverse=True)

@@ -32,11 +32,7 @@ BY_ARRIVAL = (
 
 
 def bag(path: Path) -> Recording:
-    """Return the joints of a bag, none where it has no topic of joints.
-
-    Raises:
-        UserError: it cannot be read.
-    """
+    """Return the joints of a bag, none where it has no topic of joints."""
     tables = read_tables(path)
     joints: list[Joint] = []
     left_out: list[str] = []

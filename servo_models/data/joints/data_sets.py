@@ -35,11 +35,7 @@ CLIPPED = "the action is what was asked for, before the robot clipped it"
 
 
 def data_set(path: Path) -> Recording:
-    """Return the joints of a data set, or of a file of one.
-
-    Raises:
-        UserError: it cannot be read, or has no list of readings.
-    """
+    """Return the joints of a data set, or of a file of one."""
     info = read_info(path if is_data_set(path) else root_of(path))
     known = episodes(path)
     usable = [number for number, (_, frames) in known.items() if frames >= LEAST_SAMPLES]

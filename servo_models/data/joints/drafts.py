@@ -122,11 +122,7 @@ def _free(folder: Path, stem: str, taken: Iterable[Path]) -> Path:
 
 
 def _chosen(name: str | None) -> tuple[Actuator, Variant]:
-    """An actuator, and its first variant that takes an angle as goal; a general one if not named.
-
-    Raises:
-        UserError: none does.
-    """
+    """An actuator, by default a general one, and its first variant that takes an angle as goal."""
     takers = [it for it in actuators().values() if _with_a_goal(it)]
     chosen = find_actuator(name) if name else next(it for it in takers if it.general)
     variants = _with_a_goal(chosen)

@@ -1,7 +1,8 @@
 """Measured files: one file here = one log format.
 
 A format is a module with ``SUFFIXES``, the ends of its files' names, and ``read``, which
-returns the tables of a ``Source``.  Nothing else has to know of it.
+returns the tables of a ``Source``; a damaged file, or one without the table that is asked for, is a
+UserError.  Nothing else has to know of it.
 """
 
 from __future__ import annotations

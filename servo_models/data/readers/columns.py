@@ -49,11 +49,7 @@ class Source:
         return _place(self.path, self.table or "")
 
     def wanted(self, tables: Iterable[str]) -> list[str]:
-        """Return which of the file's tables to read.
-
-        Raises:
-            UserError: the table asked for is none of them.
-        """
+        """Return which of the file's tables to read."""
         names = list(tables)
         if self.table is None:
             return names
@@ -102,6 +98,8 @@ class Tables:
 @dataclass(frozen=True, eq=False)
 class Columns:
     """Columns of one table; a column that nobody asks for may hold anything.
+
+    One that is asked for and is not there, or is there twice, is a UserError.
 
     Attributes:
         path: the file, and ``sha256`` of its bytes.
@@ -217,9 +215,6 @@ class Columns:
         """Return dates and times of a column in the rows ``keep`` as seconds, shape (n,).
 
         None for a column that holds none; see ``dates.seconds``.
-
-        Raises:
-            UserError: no such column; a cell that is empty, no time, or of another zone.
         """
         cells = self.cells[self.index(column)]
         first = keep.indices(len(cells))[0]
@@ -235,19 +230,12 @@ class Columns:
         """Return the row, from ``first`` on, in which a column has its first value.
 
         It is ``first`` for a column that never has a value.
-
-        Raises:
-            UserError: no such column.
         """
         has_value = ~self.empty(column)[first:]
         return first + int(np.argmax(has_value)) if has_value.size else first
 
     def empty(self, column: str | int) -> Mask:
-        """Mark the rows in which a column has no value, or NaN, shape (n,).
-
-        Raises:
-            UserError: no such column.
-        """
+        """Mark the rows in which a column has no value, or NaN, shape (n,)."""
         import polars as pl
 
         cells = self.cells[self.index(column)]
@@ -260,11 +248,7 @@ class Columns:
         return np.asarray(~has_value.fill_null(value=False).to_numpy())
 
     def held(self, column: str | int) -> Columns:
-        """Return the same with the value of the row before in every cell of a column without one.
-
-        Raises:
-            UserError: no such column.
-        """
+        """Return the same with the value of the row before in every empty cell of a column."""
         import polars as pl
 
         place = self.index(column)
@@ -316,11 +300,7 @@ def _are_two_runs(first: Array, second: Array) -> bool:
 
 
 def extra(name: str, module: str) -> Any:
-    """Return the module of a library that only the extra ``name`` brings.
-
-    Raises:
-        UserError: it is not installed.
-    """
+    """Return the module of a library that only the extra ``name`` brings."""
     try:
         return importlib.import_module(module)
     except ImportError as error:

@@ -27,11 +27,7 @@ DECIMAL_COMMA = r"^(\s*[-+]?\d*),(\d*(?:[eE][-+]?\d+)?\s*)$"
 
 
 def read(source: Source) -> Tables:
-    """Read a text file; a file without a header has columns ``"1"``, ``"2"`` and so on.
-
-    Raises:
-        UserError: no UTF-8, empty, or rows of unequal length.
-    """
+    """Read a text file; a file without a header has columns ``"1"``, ``"2"`` and so on."""
     source.wanted([""])
     lines = _lines(source)
     begins = (line.strip()[:1] for line in lines)  # neither blank nor a comment

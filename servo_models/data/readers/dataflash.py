@@ -16,11 +16,7 @@ SUFFIXES = (".bin",)
 
 
 def read(source: Source) -> Tables:
-    """Read a log; what a crash has cut off at its end is left out.
-
-    Raises:
-        UserError: it is damaged, or has no such message.
-    """
+    """Read a log; what a crash has cut off at its end is left out."""
     reader = extra("ardupilot", "pymavlink.DFReader").DFReader_binary
     # the compiled indexer prints past sys.stderr
     in_python = type("Reader", (reader,), {"init_arrays_fast": reader.init_arrays})

@@ -21,11 +21,7 @@ OF_LINES = SUFFIXES[1:]  # suffixes of files with a record a line
 
 
 def read(source: Source) -> Tables:
-    """Read a JSON file; one record a line is recognised whatever the file is called.
-
-    Raises:
-        UserError: no JSON, or neither records nor lists in it.
-    """
+    """Read a JSON file; one record a line is recognised whatever the file is called."""
     try:
         text = source.content.decode("utf-8-sig")
     except UnicodeDecodeError as error:

@@ -54,11 +54,7 @@ def root_of(path: Path) -> Path | None:
 
 
 def read_info(root: Path | None) -> Info:
-    """Return what the ``meta/info.json`` of a data set says, nothing where there is none.
-
-    Raises:
-        UserError: it cannot be read or is no JSON.
-    """
+    """Return what the ``meta/info.json`` of a data set says, nothing where there is none."""
     if root is None or not os.path.isfile(root / INFO):
         return Info()
     path = root / INFO

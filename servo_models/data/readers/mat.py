@@ -30,11 +30,7 @@ COMPRESSED = 15  # type of a compressed element
 
 
 def read(source: Source) -> Tables:
-    """Read a MAT file.
-
-    Raises:
-        UserError: it is damaged, or has no vector of numbers.
-    """
+    """Read a MAT file."""
     source.wanted([""])
     read_ = _read_73 if source.content.startswith(VERSION_73) else _read_5
     with source.read_by_library("MAT"):

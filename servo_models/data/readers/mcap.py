@@ -26,11 +26,7 @@ ENCODINGS = ("json", "cdr")
 
 
 def read(source: Source) -> Tables:
-    """Read an MCAP file.
-
-    Raises:
-        UserError: it is damaged, or has no such topic; messages that are encoded otherwise.
-    """
+    """Read an MCAP file."""
     reader = extra("mcap", "mcap.reader")
     with source.read_by_library("MCAP"):
         opened = reader.make_reader(io.BytesIO(source.content))

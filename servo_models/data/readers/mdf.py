@@ -35,11 +35,7 @@ NUMBERS = range(6)  # types of channels that hold integers or floats
 
 
 def read(source: Source) -> Tables:
-    """Read an MDF4 file.
-
-    Raises:
-        UserError: it is damaged or cut short, or has no such channel group.
-    """
+    """Read an MDF4 file."""
     asammdf = extra("mdf", "asammdf")
     if source.content.startswith(BEGINNINGS):
         with _silence(), source.read_by_library("MDF4"):

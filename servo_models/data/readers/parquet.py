@@ -20,11 +20,7 @@ FOOTER = 8  # bytes at the end of a file: the size of its description, and "PAR1
 
 
 def read(source: Source) -> Tables:
-    """Read a Parquet file; what is nested deeper than in lists of numbers stays in its cells.
-
-    Raises:
-        UserError: it is damaged, has no such episode, or ``meta/info.json`` beside it is damaged.
-    """
+    """Read a Parquet file; what is nested deeper than in lists of numbers stays in its cells."""
     import polars as pl
 
     try:

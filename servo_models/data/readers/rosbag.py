@@ -23,12 +23,7 @@ LARGEST_MESSAGE = 16 << 10  # bytes of a message; larger ones (images, scans) ar
 
 
 def read(source: Source) -> Tables:
-    """Read a bag.
-
-    Raises:
-        UserError: it is damaged or cut short, or has no such topic; messages of a type that neither
-            the bag nor ROS itself describes.
-    """
+    """Read a bag."""
     rosbags, stores = extra("ros", "rosbags.highlevel"), extra("ros", "rosbags.typesys")
     usual = stores.get_typestore(stores.Stores.LATEST)
     with (

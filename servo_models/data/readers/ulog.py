@@ -19,11 +19,7 @@ FIRST_DATA = b"ALC"  # types of messages with which the data begin
 
 
 def read(source: Source) -> Tables:
-    """Read a ULog file.
-
-    Raises:
-        UserError: it is damaged or cut short, or has no such topic.
-    """
+    """Read a ULog file."""
     pyulog = extra("ulog", "pyulog")
     if not _is_defined(source.content):
         raise source.damaged("ULog")
