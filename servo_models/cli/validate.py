@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from servo_models.cli.options import Format, Printed, Report, Trust, file_option, write_result
+from servo_models.cli.options import (
+    Format,
+    Printed,
+    Report,
+    Trust,
+    file_option,
+    time_option,
+    write_result,
+)
 from servo_models.errors import UserError
 from servo_models.validation.host_process import LIMITS, Limits
 
@@ -43,11 +51,8 @@ def validate(
     ] = None,
     tolerance: Annotated[Path | None, file_option("Tolerances by output, .toml.")] = None,
     step: Annotated[
-        str | None,
-        typer.Option(
-            metavar="TIME",
-            help="Communication step, such as '1 ms'; default: the points of the reference.",
-        ),
+        float | None,
+        time_option("Communication step, such as '1 ms'; default: the points of the reference."),
     ] = None,
     cross_check: Annotated[
         Path | None,
@@ -110,8 +115,9 @@ def validate(
             check_writable(path)
     if actuator and not fmus:
         raise UserError("--actuator tells of what FMU files are: name them as well")
-    seconds = _step(step)
-    asked = Against(inputs, reference, tolerance, cross_check, seconds, write_cross_check)
+    if step is not None and not step > 0.0:
+        raise UserError(f"--step '{step:g} s' is no step: give one such as --step '1 ms'")
+    asked = Against(inputs, reference, tolerance, cross_check, step, write_cross_check)
     against = None if asked == Against() else asked
     _check(fmus, against, static_only)
     subjects: list[Any] = [*(fmus or ())]
@@ -147,18 +153,6 @@ def validate(
         show(sections.report(result, every=every))
         print(f"\n{sections.sentence(result)}")
     return 0 if result.passed else 1
-
-
-def _step(text: str | None) -> float | None:
-    """The communication step [s]."""
-    from servo_models.units import parse
-
-    if text is None:
-        return None
-    step = parse(text, "s")
-    if not step > 0.0:
-        raise UserError(f"--step '{text}' is no step: give one such as --step '1 ms'")
-    return step
 
 
 def _check(fmus: list[Path] | None, against: Against | None, static_only: bool) -> None:

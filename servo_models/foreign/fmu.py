@@ -20,7 +20,6 @@ from servo_models.foreign.child import Pool
 from servo_models.units import factor
 from servo_models.validation.any_fmu.fmu import AnyFmu
 
-SUFFIX = ".fmu"
 STEP, STOP = 1e-3, 1.0  # s, where the description has no default experiment
 FULL = {"rad": np.pi / 2.0, "deg": 90.0, "rad/s": 10.0, "m": 0.1, "V": 12.0, "N.m": 1.0}
 """Full scales of signals whose description states no nominal value and no range, by unit."""

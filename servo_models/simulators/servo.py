@@ -124,16 +124,12 @@ def servo_of(model: Model, logged: Sequence[Log] = ()) -> Servo:
     off = {switch: 0.0 for place in plant.placements for switch in _switches(model, place)}
     plain = replace(model, values={**model.values, **off})
     ends = [float(command.rest) + side * size for side in (-1.0, 1.0)]
-    low, high = (_settled(plain, command.name, end, angles[0]) for end in ends)
+    times = [0.0, model.stop_time]
+    low, high = (float(simulate(plain, times, {command.name: it})[angles[0]][-1]) for it in ends)
     if low == high:
         raise UserError(f"'{command.name}' moves nothing: correct the parameters")
     slope = (high - low) / (ends[1] - ends[0])
     return Servo(model, command, angles[0], slope, ends[0] - low / slope, inertia)
-
-
-def _settled(model: Model, command: str, value: float, angle: str) -> float:
-    times = np.array([0.0, model.stop_time])
-    return float(simulate(model, times, {command: value})[angle][-1])
 
 
 def excited(servo: Servo, loaded: bool) -> Run:

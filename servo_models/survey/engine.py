@@ -60,6 +60,13 @@ class Worker:
         self._child.close()
 
 
+def processes(jobs: int | None) -> int:
+    """Return how many jobs are done at once, by default one a processor."""
+    if jobs is not None and jobs < 1:
+        raise UserError(f"jobs {jobs}: give a number of processes, 1 or more")
+    return jobs or os.cpu_count() or 1
+
+
 def runner() -> Callable[[Job], Done]:
     """Return what does a job, in a process of its own."""
     return run

@@ -171,6 +171,7 @@ def run(job: Job) -> Done:
         return failed(job, why, time.perf_counter() - begin)
     parameters = found.model.plant.parameters
     nominal = [value for value in found.found if not parameters[value.name].owner]
+    weights = weights_by_effects(found.selection, found.verdict)
     kept = _kept(
         job,
         actuator=found.model.actuator.key,
@@ -186,7 +187,7 @@ def run(job: Job) -> Done:
             Cause.made_from(effect, effect=effect.name, sizes=_estimates(found, effect.parameters))
             for effect in found.ranking
         ],
-        explanations=_explanations(found),
+        explanations=[Explanation(it.effects, weights[it.effects]) for it in found.verdict.rivals],
         parameters=_estimates(found, nominal),
         episodes=[*_episodes(found)],
         diagnosis=msgspec.Raw(found.to_json().encode()),
@@ -226,11 +227,6 @@ def _estimates(found: Diagnosis, values: Iterable[Value]) -> list[Estimate]:
         )
         for value in values
     ]
-
-
-def _explanations(found: Diagnosis) -> list[Explanation]:
-    weights = weights_by_effects(found.selection, found.verdict)
-    return [Explanation(model.effects, weights[model.effects]) for model in found.verdict.rivals]
 
 
 def _episodes(found: Diagnosis) -> Iterator[Episode]:

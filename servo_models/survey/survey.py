@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections import Counter
 from collections.abc import Callable, Generator, Iterator
@@ -18,7 +17,7 @@ from servo_models.data.parameters import write_parameters
 from servo_models.errors import UserError
 from servo_models.files import write_with
 from servo_models.report.numbers import plural
-from servo_models.survey.engine import Worker, here, on_cluster, runner
+from servo_models.survey.engine import Worker, here, on_cluster, processes, runner
 from servo_models.survey.job import Done, Job, Outcome, failed
 from servo_models.survey.plan import DESCRIPTIONS, Tell, counted, plan
 from servo_models.survey.result import Survey, told_apart
@@ -73,9 +72,7 @@ def survey(
     """
     root = Path(path)
     folder = Path(out) if out else root.parent / f"{root.stem or root.resolve().name}_survey"
-    if jobs is not None and jobs < 1:
-        raise UserError(f"jobs {jobs}: give a number of processes, 1 or more")
-    processes = jobs or os.cpu_count() or 1
+    count = processes(jobs)
     earlier = told_apart(read_outcomes(Path(before))) if before else ()
     tell = tell or (lambda *_: None)
     store = Store(folder)
@@ -95,9 +92,9 @@ def survey(
     if scheduler:
         work.do(lambda todo: on_cluster(todo, scheduler), "on the cluster", 1)
     else:
-        where = f"on {plural(processes, 'processor')}"
-        workers = [Worker(time_limit, failed, runner) for _ in range(processes)]
-        work.do(lambda todo: here(todo, workers), where, processes)
+        where = f"on {plural(count, 'processor')}"
+        workers = [Worker(time_limit, failed, runner) for _ in range(count)]
+        work.do(lambda todo: here(todo, workers), where, count)
     outcomes = [
         structs.replace(work.outcomes[key], conditions=job.conditions)
         for key, job in work.jobs.items()

@@ -9,7 +9,6 @@ Source: Wirgin, "The inverse crime", arXiv:math-ph/0401050 (2004).
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import closing, suppress
@@ -37,7 +36,7 @@ from servo_models.identification.simulation import prepared
 from servo_models.report.document import Document, Figure, Magnitude, Share, about, choice
 from servo_models.report.numbers import plural
 from servo_models.report.result import Result
-from servo_models.survey.engine import Worker, here
+from servo_models.survey.engine import Worker, here, processes
 from servo_models.survey.plan import Tell
 from servo_models.survey.survey import duration
 from servo_models.units import parse
@@ -162,8 +161,7 @@ def rehearse(
         >>> [(answer.effect, answer.told) for answer in found.answers]
         [('', 'no effect'), ('transport_delay', 'found')]
     """
-    if jobs is not None and jobs < 1:
-        raise UserError(f"jobs {jobs}: give a number of processes, 1 or more")
+    count = processes(jobs)
     if not all(0.0 < gap < np.inf for gap in gaps):
         raise UserError(f"gaps {[*gaps]}: give numbers of noise floors, such as 3 and 10")
     told = tell or (lambda *_: None)
@@ -172,12 +170,11 @@ def rehearse(
     check_known("effect", effects, rig.candidates, "effects")
     chosen = [*effects] or [*rig.candidates]
     cases = [Case("", 0.0), *(Case(it, gap) for gap in sorted(gaps)[::-1] for it in chosen)]
-    processes = jobs or os.cpu_count() or 1
-    lasts = f"about {duration(len(cases) * rig.seconds / processes)} on"
-    told(0, None, f"{len(cases)} diagnoses to do, {lasts} {plural(processes, 'processor')}")
+    lasts = f"about {duration(len(cases) * rig.seconds / count)} on"
+    told(0, None, f"{len(cases)} diagnoses to do, {lasts} {plural(count, 'processor')}")
     answers: dict[Case, Answer] = {}
     begin = time.monotonic()
-    workers = [Worker(time_limit, _failed, Rig, *arguments) for _ in range(processes)]
+    workers = [Worker(time_limit, _failed, Rig, *arguments) for _ in range(count)]
     with suppress(KeyboardInterrupt), closing(here(iter(cases), workers)) as results:
         for one in results:
             answers[Case(one.effect, one.wanted)] = one
