@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from servo_models.cli.options import Largest, check_outputs
+from servo_models.cli.options import Largest, check_outputs, file_option
 
 
 def import_(
@@ -22,8 +22,7 @@ def import_(
         str, typer.Option(metavar="INERTIA", help="That the joint carries beside its armature.")
     ] = "0",
     out: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Write a parameter file, .toml; default: show it."),
+        Path | None, file_option("Write a parameter file, .toml; default: show it.")
     ] = None,
     largest: Largest = None,
 ) -> None:

@@ -26,12 +26,7 @@ class Format(str, Enum):
 
 
 def check_outputs(*outputs: tuple[Path | None, str], description: Path | None = None) -> None:
-    """Check the names and suffixes of files to write before long work.
-
-    Raises:
-        UserError: another suffix, a folder that cannot be written, or a file that the description
-            is or names.
-    """
+    """Check the names and suffixes of files to write before long work."""
     from servo_models.data.schema import named_files
     from servo_models.files import check_writable
 
@@ -52,11 +47,7 @@ def chosen_model(
     params: Path | None,
     trust: bool,
 ) -> Model:
-    """Return the model of ``ACTUATOR --variant`` or ``--params``, with ``--set`` on top.
-
-    Raises:
-        UserError: neither or both of them, or see ``simulate.model``.
-    """
+    """Return the model of ``ACTUATOR --variant`` or ``--params``, with ``--set`` on top."""
     from servo_models.core.simulate import model
     from servo_models.data.parameters import read_parameters
 
@@ -71,11 +62,7 @@ def chosen_model(
 
 
 def assignments(option: str, texts: Iterable[str]) -> dict[str, str]:
-    """Return ``NAME=VALUE`` texts as a dictionary.
-
-    Raises:
-        UserError: a text without a name, ``=`` or value, or a name given twice.
-    """
+    """Return ``NAME=VALUE`` texts as a dictionary."""
     values: dict[str, str] = {}
     for text in texts:
         name, equals, value = (part.strip() for part in text.partition("="))

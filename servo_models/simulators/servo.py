@@ -99,11 +99,7 @@ def _switches(model: Model, place: str) -> list[str]:
 
 
 def servo_of(model: Model, logged: Sequence[Log] = ()) -> Servo:
-    """Return a model as a servo.
-
-    Raises:
-        UserError: its command is no angle or pulse, or its output no angle.
-    """
+    """Return a model as a servo."""
     plant = model.plant
     wires = {wire.name: wire for wire in plant.inputs}
     usual = model.actuator.variant(model.variant).command or model.actuator.step[0]
@@ -163,11 +159,7 @@ def excited(servo: Servo, loaded: bool) -> Run:
 
 
 def logged(servo: Servo, nominal: Model, log: Log) -> Run:
-    """Return the measured angle, and those of the diagnosed and the nominal model.
-
-    Raises:
-        UserError: a log without an angle of the output, or one that cannot be simulated.
-    """
+    """Return the measured angle, and those of the diagnosed and the nominal model."""
     wires = nominal.plant.wire
     place = next((k for k, it in enumerate(log.outputs) if wires[it].unit == "rad"), None)
     if place is None:

@@ -118,11 +118,7 @@ def _items(columns: Columns, name: str) -> list[str]:
 
 
 def _most_moving(read: Mapping[int, Columns], reading: str) -> list[int]:
-    """Episodes in which a joint moves, those first in which it travels furthest.
-
-    Raises:
-        UserError: none, or one in which a cell is no number.
-    """
+    """Episodes in which a joint moves, those first in which it travels furthest."""
     travel = {
         number: float(np.abs(np.diff(_known(columns, reading))).sum())
         for number, columns in read.items()

@@ -33,9 +33,6 @@ def recording(path: Path, actuator: str | None) -> Recording | None:
     """Return the joints of a robot's recording, None for a log of something else.
 
     A bag without joints is one if somebody says which ``actuator`` made it.
-
-    Raises:
-        UserError: it cannot be read, or no joint has both a command and a reading.
     """
     if is_data_set(path) or episodes(path):
         recorded = data_set(path)

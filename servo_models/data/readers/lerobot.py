@@ -82,10 +82,6 @@ def episodes(path: Path) -> dict[int, tuple[Path, int]]:
     """Return file and frames of each episode of a data set, or of a Parquet file of one.
 
     It is empty for what is no such file.
-
-    Raises:
-        UserError: a data set without a file of frames, or with a damaged one; an episode in two
-            files.
     """
     whole = is_data_set(path)
     if whole:
