@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import re
 import unicodedata
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 LONGEST = 1000  # characters of an error: of more the middle is left out
 MOST_MEANT = 4  # names that are suggested at once
@@ -20,6 +21,16 @@ class UserError(Exception):
 
     def __init__(self, text: object = "") -> None:
         super().__init__(printable(str(text), LONGEST))
+
+
+@contextlib.contextmanager
+def told_at(where: str, *others: type[Exception]) -> Iterator[None]:
+    """Put what is wrong, also as an exception of other kinds, behind where that is."""
+    told: tuple[type[Exception], ...] = (UserError, *others)
+    try:
+        yield
+    except told as error:
+        raise UserError(f"{where}: {error}") from error
 
 
 def printable(text: str, longest: int) -> str:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from servo_models.core.plant import Wire, check_known
 from servo_models.core.simulate import Model, Result, simulate
-from servo_models.errors import UserError
+from servo_models.errors import UserError, told_at
 from servo_models.report.numbers import Quantity
 from servo_models.units import factor, parse
 
@@ -47,10 +47,8 @@ def step(
 
 
 def _input(wire: Wire, value: float | str) -> float:
-    try:
+    with told_at(f"input '{wire.name}'"):
         number = parse(value, wire.unit)
-    except UserError as error:
-        raise UserError(f"input '{wire.name}': {error}") from error
     low = -math.inf if wire.low is None else wire.low
     high = math.inf if wire.high is None else wire.high
     if not low <= number <= high:
@@ -63,10 +61,8 @@ def _input(wire: Wire, value: float | str) -> float:
 
 
 def _positive(name: str, value: float | str) -> float:
-    try:
+    with told_at(name):
         number = parse(value, "s")
-    except UserError as error:
-        raise UserError(f"{name}: {error}") from error
     if number <= 0.0:
         raise UserError(f"{name} = {number:g} s: give a time above 0")
     return number

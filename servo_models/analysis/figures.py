@@ -26,7 +26,7 @@ from servo_models.analysis.linearise import linearise
 from servo_models.analysis.sine_test import STEP_POINTS, SineTest
 from servo_models.core.plant import check_known
 from servo_models.core.simulate import Model
-from servo_models.errors import UserError
+from servo_models.errors import UserError, told_at
 from servo_models.files import write_whole
 from servo_models.report.result import Result
 from servo_models.units import parse
@@ -318,7 +318,5 @@ def _above_0(name: str, value: float | str, unit: str) -> float:
 
 
 def _parsed(name: str, value: float | str, unit: str) -> float:
-    try:
+    with told_at(name):
         return parse(value, unit)
-    except UserError as error:
-        raise UserError(f"{name}: {error}") from error

@@ -19,7 +19,7 @@ from servo_models.cli.options import (
     complete_input,
     file_option,
 )
-from servo_models.errors import UserError
+from servo_models.errors import UserError, told_at
 
 
 def simulate(
@@ -79,10 +79,8 @@ def simulate(
     with progress(f"simulating {chosen.actuator.name}"):
         if inputs:
             given = tables.read_inputs(inputs, chosen.plant)
-            try:
+            with told_at(f"'{inputs}', rows counted from 0"):
                 result = run(chosen, *given)
-            except UserError as error:
-                raise UserError(f"'{inputs}', rows counted from 0: {error}") from error
         else:
             result = experiment.step(chosen, assignments("--step", step or ()), stop, dt)
     if out:

@@ -17,7 +17,7 @@ from servo_models.core.bounds import is_outside, outside
 from servo_models.core.plant import Plant, Wire, unknown
 from servo_models.core.types import Array
 from servo_models.data.readers import Columns, read_columns
-from servo_models.errors import UserError
+from servo_models.errors import UserError, told_at
 from servo_models.files import write_with
 from servo_models.units import factor
 
@@ -160,7 +160,5 @@ def _heading(path: Path, header: str, known: Mapping[str, Wire]) -> tuple[str, f
     name, unit = match.groups()
     if name not in known:
         raise UserError(f"'{path}': {unknown('column', name, known)}")
-    try:
+    with told_at(f"'{path}', column '{name}'"):
         return name, factor(unit, known[name].unit) if unit else 1.0
-    except UserError as error:
-        raise UserError(f"'{path}', column '{name}': {error}") from error

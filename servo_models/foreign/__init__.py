@@ -11,7 +11,7 @@ import functools
 from pathlib import Path
 
 from servo_models.core.plant import Actuator
-from servo_models.errors import UserError
+from servo_models.errors import told_at
 from servo_models.files import read_regular
 from servo_models.foreign.border import actuator_around
 from servo_models.foreign.box import Box
@@ -39,7 +39,5 @@ def _loaded(file: Path, part: str, content: bytes) -> Actuator:
         box, called = FunctionBox(file, part), f"{file}:{part}"
     else:
         box, called = MjcfBox(file, part), f"{file}#{part}"
-    try:
+    with told_at(f"'{file}'", ValueError):
         return actuator_around(box, Path(called))
-    except ValueError as error:
-        raise UserError(f"'{file}': {error}") from error

@@ -24,7 +24,7 @@ import numpy as np
 
 from servo_models.core.own_actuator import executed
 from servo_models.core.types import Array
-from servo_models.errors import UserError, did_you_mean
+from servo_models.errors import UserError, did_you_mean, told_at
 from servo_models.files import read_regular
 from servo_models.foreign.box import Signal, name_of
 from servo_models.foreign.child import SECONDS, Child, Pool
@@ -105,10 +105,8 @@ def _function(path: Path, name: str) -> Callable[..., Any]:
 
 def _duration(path: Path, name: str, told: Any) -> float:
     """A time [s] that the file states, more than 0."""
-    try:
+    with told_at(f"'{path}', {name}"):
         value = parse(told, "s")
-    except UserError as error:
-        raise UserError(f"'{path}', {name}: {error}") from error
     if value <= 0.0:
         raise UserError(f"'{path}', {name} = {told!r}: give a time of more than 0 s")
     return value
@@ -116,9 +114,6 @@ def _duration(path: Path, name: str, told: Any) -> float:
 
 def _signal(path: Path, table: str, name: str, told: Any) -> Signal:
     """A signal from ``"90 deg"``, or a number without a unit."""
-    where = f"'{path}', {table}['{name}']"
-    try:
+    with told_at(f"'{path}', {table}['{name}']", ValueError):
         unit = base_unit(str(told).strip().partition(" ")[2] or "1")
         return Signal(name, unit, parse(told, unit))
-    except (UserError, ValueError) as error:
-        raise UserError(f"{where}: {error}") from error

@@ -7,7 +7,7 @@ from pathlib import Path
 from servo_models.core.catalogue import actuators
 from servo_models.core.plant import Actuator, check_bounds
 from servo_models.data.parameters import Estimate, ParameterSet
-from servo_models.errors import UserError, printable
+from servo_models.errors import UserError, printable, told_at
 from servo_models.files import read_regular
 from servo_models.simulators import readers
 from servo_models.simulators.simulator import Nominal
@@ -40,14 +40,12 @@ def import_nominal(file: str, inertia: float | str = 0.0) -> ParameterSet:
     carried = parse(inertia, "kg.m2")
     if carried < 0.0:
         raise UserError(f"inertia = {carried:g} kg.m2: give one of 0 or more")
-    try:
+    with told_at(f"'{path}'"):
         reading = readers()[kind].read(content, joint, carried)
         actuator, variant = _target(reading)
         plant = actuator.plant_of(variant)
         for parameter, (value, _) in reading.values.items():
             check_bounds(plant.parameters[parameter], value)
-    except UserError as error:
-        raise UserError(f"'{path}': {error}") from error
     estimates = tuple(
         Estimate(parameter, value, None, printable(origin, LONGEST))
         for parameter, (value, origin) in reading.values.items()

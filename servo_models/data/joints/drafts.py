@@ -11,7 +11,7 @@ from pathlib import Path
 from servo_models.core.catalogue import actuator as find_actuator
 from servo_models.core.catalogue import actuators
 from servo_models.core.own_actuator import key_from
-from servo_models.core.plant import Actuator, Variant
+from servo_models.core.plant import Actuator, Variant, Wire
 from servo_models.data.description import read_description
 from servo_models.data.joints.bags import OF_TOPICS, bag
 from servo_models.data.joints.data_sets import data_set
@@ -131,13 +131,11 @@ def _chosen(name: str | None) -> tuple[Actuator, Variant]:
 
 def _with_a_goal(actuator: Actuator) -> list[Variant]:
     """The variants of an actuator that take an angle as goal."""
-    commands = {variant.name: variant.command or actuator.step[0] for variant in actuator.variants}
-    return [
-        variant
-        for variant in actuator.variants
-        if exponents(actuator.plant_of(variant.name).wire[commands[variant.name]].unit)
-        == exponents("rad")
-    ]
+
+    def goal(it: Variant) -> Wire:
+        return actuator.plant_of(it.name).wire[it.command or actuator.step[0]]
+
+    return [it for it in actuator.variants if exponents(goal(it).unit) == exponents("rad")]
 
 
 def _doubt(others: Iterable[str]) -> str:

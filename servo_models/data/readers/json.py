@@ -29,12 +29,10 @@ def read(source: Source) -> Tables:
         return _lines(source, text)
     try:
         document = _parsed(source, text)
-    except json.JSONDecodeError as error:
+    except UserError:
         if _is_a_line(text):
             return _lines(source, text)
-        raise UserError(
-            f"'{source.path}', row {error.lineno}: no JSON, {error.msg}; write it again"
-        ) from error
+        raise
     lists = dict(_lists("", document))
     records = {name: found for name, found in lists.items() if _are_records(found)}
     if records:
@@ -47,9 +45,13 @@ def read(source: Source) -> Tables:
     return Tables({"": [one for name in lists for one in _columns(source, name, lists[name])]})
 
 
-def _parsed(source: Source, text: str) -> Any:
+def _parsed(source: Source, text: str, row: int = 1) -> Any:
     try:
         return json.loads(text, parse_int=float)
+    except json.JSONDecodeError as error:
+        raise UserError(
+            f"'{source.path}', row {row + error.lineno - 1}: no JSON, {error.msg}; write it again"
+        ) from error
     except RecursionError as error:
         raise UserError(f"'{source.path}' is nested too deeply: give a list of records") from error
 
@@ -71,12 +73,7 @@ def _lines(source: Source, text: str) -> Tables:
     for row, line in enumerate(text.rstrip().split("\n") if text.strip() else [], start=1):
         if not line.strip():
             raise UserError(f"'{source.path}', row {row} is empty: remove it")
-        try:
-            records.append(_parsed(source, line))
-        except json.JSONDecodeError as error:
-            raise UserError(
-                f"'{source.path}', row {row}: no JSON, {error.msg}; write it again"
-            ) from error
+        records.append(_parsed(source, line, row))
         if not isinstance(records[-1], dict | list | type(None)):
             raise UserError(f"'{source.path}', row {row}: no record; give an object a line")
     return Tables({"": columns_of(source, records)})
