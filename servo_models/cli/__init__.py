@@ -25,6 +25,8 @@ COMMANDS = (
     *("rehearse", "survey", "compare", "sample", "export", "import", "blind", "build", "validate"),
 )
 EXIT_FAILED = 2  # exit code of a command that could not run
+READ_ENOUGH = 141  # exit status of a program whose reader is gone, as shells tell SIGPIPE
+INTERRUPTED = 130  # exit status that typer gives Ctrl-C, without a message
 USAGE_ERROR: Any = typer.BadParameter.__mro__[2]
 """Base class of all errors of the command line, which typer does not export."""
 
@@ -108,15 +110,14 @@ def _run(words: list[str]) -> int:
     except Exception:  # a crash must not look like 'not within tolerance'
         traceback.print_exc()
         return EXIT_FAILED
-    # by typer, without a message
-    return _complain("interrupted") if code == 130 else int(code or 0)
+    return _complain("interrupted") if code == INTERRUPTED else int(code or 0)
 
 
 def _end_without_a_word() -> int:
     """The reader of what is printed has seen enough: what is left to print goes nowhere."""
     with contextlib.suppress(OSError, ValueError):  # a stream without a file
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    return 141  # as shells tell SIGPIPE
+    return READ_ENOUGH
 
 
 def _complain(error: object) -> int:

@@ -39,6 +39,9 @@ OUTPUTS: dict[str, tuple[str, ...]] = {
 }
 """What each command writes, beside what it prints."""
 DROPPED_LOG, DROPPED = "dropped.csv", "dropped.toml"
+LARGEST_DESCRIPTION = 1 << 20  # bytes
+MOST_LINES = 12  # of progress that are shown
+SILENCE = 30.0  # time [s] after which a connection that says nothing is closed
 TYPES = {".html": "text/html", ".json": "application/json"}
 HEADERS = {
     "Cache-Control": "no-store",
@@ -170,7 +173,7 @@ class Server(ThreadingHTTPServer):
 
     def _follow(self, job: subprocess.Popen[str], names: list[str]) -> None:
         for line in job.stderr or ():
-            self.state["lines"] = [*self.state["lines"], line.rstrip()][-12:]
+            self.state["lines"] = [*self.state["lines"], line.rstrip()][-MOST_LINES:]
         self.state["code"] = job.wait()
         self.state["files"] += [name for name in names if (self.folder / name).is_file()]
         self.state["running"] = False
@@ -178,7 +181,7 @@ class Server(ThreadingHTTPServer):
 
 class _Handler(BaseHTTPRequestHandler):
     server: Server
-    timeout = 30.0  # s, after which a connection that says nothing is closed
+    timeout = SILENCE
     server_version, sys_version = "servo-models", ""
 
     def parse_request(self) -> bool:
@@ -204,7 +207,7 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_error(HTTPStatus.NOT_FOUND, "no such page")
 
     def do_POST(self) -> None:
-        most = self.server.largest_log if self.name == "log" else 1 << 20
+        most = self.server.largest_log if self.name == "log" else LARGEST_DESCRIPTION
         length = self.headers.get("Content-Length", "")
         if self.headers.get_all("Origin") != [f"http://{self.server.host}"]:
             self.send_error(HTTPStatus.FORBIDDEN, "another page asks")

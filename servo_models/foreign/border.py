@@ -30,6 +30,9 @@ LOADS = ("N.m", "N")  # units of inputs that are no commands
 DISPLAY = {"rad": "deg", "rad/s": "deg/s"}
 STEP_IN_SIZES = 0.5  # of the command
 RANGE = 10.0  # start values to either side up to which a parameter without bounds may go
+FASTEST = 100.0  # full scales a second that hardly any actuator moves
+SETTLED = 0.02  # of a step
+SETTLING_TIMES = 3.0  # full scale of time
 ROWS = 501  # of a step
 PASSED = '''
 from servo_models.core.block import block
@@ -71,7 +74,7 @@ def actuator_around(box: Box, file: Path) -> Actuator:
             **internal_step(box.step, high=0.1),
             **{it.name: _param(it) for it in box.parameters},
         },
-        time_scale=3.0 * settling_time(box),
+        time_scale=SETTLING_TIMES * settling_time(box),
     )
     command = box.inputs[0]
     return Actuator(
@@ -98,7 +101,7 @@ def settling_time(box: Box) -> float:
         out = box.run({it.name: it.size for it in box.parameters}, times, inputs)[:, 0]
     except UserError:  # whoever simulates it is told
         return box.stop_time
-    away = np.abs(out - out[-1]) > 0.02 * np.abs(out - out[-1]).max()
+    away = np.abs(out - out[-1]) > SETTLED * np.abs(out - out[-1]).max()
     return float(times[np.flatnonzero(away)[-1] + 1]) if away.any() else box.stop_time
 
 
@@ -138,12 +141,7 @@ def _passed(given: str, taken: str) -> Block:
 def _wire(one: Signal, name: str = "") -> Wire:
     about = one.about or one.name.replace("_", " ")
     return Wire(
-        name or one.name,
-        one.unit,
-        about,
-        one.size,
-        one.rest,
-        display=DISPLAY.get(one.unit),
+        name or one.name, one.unit, about, one.size, one.rest, display=DISPLAY.get(one.unit)
     )
 
 
@@ -157,8 +155,7 @@ def _total(one: Signal) -> State:
 
 def _rate(one: Signal, name: str) -> Wire:
     unit = "1/s" if one.unit == "1" else f"{one.unit}/s"
-    # hardly any actuator is faster
-    return Wire(name, unit, f"rate of {one.name}", 100.0 * one.size)
+    return Wire(name, unit, f"rate of {one.name}", FASTEST * one.size)
 
 
 def _param(one: Signal) -> Param:

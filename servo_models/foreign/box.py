@@ -22,6 +22,8 @@ from numpy.typing import NDArray
 
 from servo_models.core.types import Array
 
+KEPT = 256  # latest answers of a box that are kept
+HELD_BEFORE = 1.0  # s for which the first row was sent before a run begins
 LEAST_JUMP_IN_SIZES = 1e-3  # of what is sent, within a step, over the size of the input
 LEAST_PART_OF_STEP = 1e-3  # before and after a jump
 ROUNDING_IN_SIZES = 1e-9  # of a mean, over the size of the input
@@ -97,7 +99,7 @@ class Around:
 
     box: Box
     _answers: LRUCache[bytes, Array] = field(
-        default_factory=lambda: LRUCache(256), init=False, repr=False
+        default_factory=lambda: LRUCache(KEPT), init=False, repr=False
     )
     _lock: threading.Lock = field(default_factory=threading.Lock, init=False, repr=False)
 
@@ -140,7 +142,7 @@ class Around:
         """
         sent, read = len(self.box.inputs), len(self.box.outputs)
         # nobody knows what was sent before; a start value of an FMU may be its example
-        run(state, times[0] + np.array([-1.0, 0.0]), inputs[[0, 0]])
+        run(state, times[0] + np.array([-HELD_BEFORE, 0.0]), inputs[[0, 0]])
         out = run(state, times, inputs)
         value, total = out[:, read : read + sent], out[:, read + sent :]
         before, after, spans = value[:-1], value[1:], np.diff(times)[:, None]

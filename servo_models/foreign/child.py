@@ -22,6 +22,7 @@ from servo_models.errors import UserError
 
 SERVE = "from servo_models.foreign.child import serve; serve()"
 SECONDS = 60.0  # s that one run may take
+GRACE = 5.0  # s that a process may take to end
 T = TypeVar("T")
 
 
@@ -84,7 +85,7 @@ class Child:
             process.stdin.flush()
             raised, answer = pickle.load(process.stdout)  # from a process that we started
         except (EOFError, OSError, pickle.UnpicklingError) as error:
-            code = process.wait(5.0)
+            code = process.wait(GRACE)
             self._process = None
             if late.is_set():
                 why = f"does not answer within {self.seconds:g} s: {self.cure}"

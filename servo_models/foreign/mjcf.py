@@ -21,6 +21,8 @@ from servo_models.errors import UserError, did_you_mean
 from servo_models.foreign.box import Signal, name_of
 from servo_models.foreign.child import SECONDS, Child, Pool
 
+STOP = 2.0  # s, of an experiment that shows what it does
+HINGE = 3  # mjtJoint.mjJNT_HINGE
 JOINT = {"damping": "dof_damping", "armature": "dof_armature", "frictionloss": "dof_frictionloss"}
 """Fields of a joint, and where MuJoCo keeps them."""
 Parameters = Mapping[str, tuple[tuple[str, int, float], ...]]
@@ -33,7 +35,11 @@ MOTOR: Parameters = {"gear": (("gear", 0, 1.0),)}
 DC_MOTOR: Parameters = {"resistance": (("gainprm", 0, 1.0),), "motorconst": (("gainprm", 1, 1.0),)}
 CONTROLLED: Parameters = {"kp": (("gainprm", 4, 1.0),), "kd": (("gainprm", 6, 1.0),), **DC_MOTOR}
 """Parameters of an actuator: the arrays of MuJoCo that hold one, the place in it and the sign."""
+LEAST = 1e-3  # least resistance or motorconst over its own
 FIXED_GAIN = 0  # mjtGain.mjGAIN_FIXED
+DC_GAIN = 3  # mjtGain.mjGAIN_DCMOTOR
+POSITION_INPUT = 1  # mjtCtrlInput.mjINPUT_POS
+VOLTAGE_INPUT = 8  # mjtCtrlInput.mjINPUT_VOLTAGE
 
 
 class MjcfBox:
@@ -46,7 +52,7 @@ class MjcfBox:
         self.name = name_of(joint, "joint")
         model = _loaded(path)
         place, drive = _found(model, path, joint)
-        hinge = model.jnt_type[place] == 3  # mjtJoint.mjJNT_HINGE
+        hinge = model.jnt_type[place] == HINGE
         unit, force, mass = ("rad", "N.m", "kg.m2") if hinge else ("m", "N", "kg")
         units = {
             "armature": mass,
@@ -72,10 +78,10 @@ class MjcfBox:
         known = [Signal(key, units[key], value, 0.0) for key, value in values.items()]
         for key, ((array, column, sign), *_) in kind.items():
             value = sign * getattr(model, f"actuator_{array}")[drive][column]
-            low = 1e-3 * value if key in DC_MOTOR else -np.inf if key == "gear" else 0.0
+            low = LEAST * value if key in DC_MOTOR else -np.inf if key == "gear" else 0.0
             known.append(Signal(key, units[key], float(value), low))
         self.parameters = tuple(known)
-        self.step, self.stop_time = float(model.opt.timestep), 2.0
+        self.step, self.stop_time = float(model.opt.timestep), STOP
         what = f"'{path.name}#{joint}'"
         self._calls = Pool(partial(Child, _simulation, (path, joint), SECONDS, what))
 
@@ -112,12 +118,11 @@ def _found(model: Any, path: Path, joint: str) -> tuple[int, int]:
 def _kind(model: Any, drive: int) -> tuple[Parameters, str]:
     """Parameters of an actuator, and the unit of its command; "" for that of the joint."""
     gain, bias = model.actuator_gaintype[drive], model.actuator_biasprm[drive]
-    # mjtGain.mjGAIN_DCMOTOR, from MuJoCo 4 on
-    if gain == 3 and hasattr(model, "actuator_ctrlspec"):
+    if gain == DC_GAIN and hasattr(model, "actuator_ctrlspec"):  # from MuJoCo 4 on
         command = model.actuator_ctrlspec[drive]
-        if command == 1:  # mjtCtrlInput.mjINPUT_POS
+        if command == POSITION_INPUT:
             return CONTROLLED, ""
-        return DC_MOTOR, "V" if command == 8 else "1"  # mjtCtrlInput.mjINPUT_VOLTAGE
+        return DC_MOTOR, "V" if command == VOLTAGE_INPUT else "1"
     if bias[1] < 0.0:
         return (SERVO if gain == FIXED_GAIN else PID), ""
     return (MOTOR if gain == FIXED_GAIN and not bias.any() else {}), "1"

@@ -31,7 +31,9 @@ from servo_models.simulators.simulator import (
 )
 
 PREFIX = "SIM_SERVO_"
+DEFAULT_SPEED_S = 0.14  # time for 60 degrees
 ARC = math.radians(60.0)  # rad, the way that SPEED is the time for
+BUTTERWORTH = math.sqrt(0.5)  # damping ratio
 
 FIELDS = (
     Field("speed", "s", "time for 60 degrees; the time constant where it is alone", 1e-3, 100.0),
@@ -107,7 +109,7 @@ def read(content: bytes, joint: str, inertia: float) -> Nominal:
     """SPEED, DELAY and FILTER of a parameter file; one that is missing has its default."""
     if joint:
         raise UserError(f"all servos of SITL share {PREFIX}SPEED: leave out '#{joint:.40}'")
-    settings = {"SPEED": 0.14, "DELAY": 0.0, "FILTER": 0.0}
+    settings = {"SPEED": DEFAULT_SPEED_S, "DELAY": 0.0, "FILTER": 0.0}
     told = set()
     for line in content.decode("utf-8", errors="replace").splitlines():
         name, *rest = line.partition("#")[0].replace(",", " ").replace("=", " ").split()[:2] or [""]
@@ -120,7 +122,7 @@ def read(content: bytes, joint: str, inertia: float) -> Nominal:
     origin = {key: f"{PREFIX}{key}{'' if key in told else ', its default'}" for key in settings}
     speed, cutoff = settings["SPEED"], settings["FILTER"]
     if cutoff > 0.0:
-        values = follower(origin["FILTER"], 2.0 * math.pi * cutoff, math.sqrt(0.5))  # Butterworth
+        values = follower(origin["FILTER"], 2.0 * math.pi * cutoff, BUTTERWORTH)
     else:
         values = follower(f"SITL, which no load moves, without {PREFIX}FILTER")
     late = max(settings["DELAY"] - SIMULATOR.step, 0.0)

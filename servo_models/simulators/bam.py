@@ -15,6 +15,7 @@ from servo_models.simulators.simulator import Nominal, Reader
 
 FULL_SPEED = 10.0  # rad/s, full speed in the friction parameters of our smart servo
 STRIBECK = ("m2", "m4", "m5", "m6")
+LOAD_DEPENDENT = ("m3", "m4", "m5", "m6")
 KEYS = {
     "kt": ("torque_constant", 1.0),
     "R": ("resistance", 1.0),
@@ -31,13 +32,14 @@ OF_STRIBECK = {
     "friction_stribeck": ("stribeck_friction.excess", 1.0),
     "dtheta_stribeck": ("stribeck_friction.speed", 1.0 / FULL_SPEED),
 }
+NEEDED = ("kt", "R", "armature")
 
 
 def read(content: bytes, joint: str, inertia: float) -> Nominal:
     """The motor of a file; its load friction is that at balance of motor and load."""
     try:
         told = json.loads(content)
-        missing = [key for key in ("model", "kt", "R", "armature") if key not in told]
+        missing = [key for key in ("model", *NEEDED) if key not in told]
     except (ValueError, TypeError, RecursionError) as error:
         raise UserError(f"no JSON of BAM: {error}") from error
     if missing or not isinstance(told, dict):
@@ -54,7 +56,7 @@ def read(content: bytes, joint: str, inertia: float) -> Nominal:
         if told.get(key) is not None
     }
     values["inertia"] = (value("armature") + inertia, "armature of BAM, and --inertia")
-    if model in ("m3", "m4", "m5", "m6"):
+    if model in LOAD_DEPENDENT:
         share = 2.0 * value("load_friction_base")
         share += value("load_friction_motor") + value("load_friction_external")
         values["load_friction.coefficient"] = (share, "load_friction of BAM, motor and load alike")

@@ -99,6 +99,7 @@ HOLDS: Mapping[str, Held] = {
 }
 
 
+NO_LIMIT = 1e9  # limit [N m or rad/s] that is none
 LIMITS = ("effort_limit", "velocity_limit_sim")
 """Fields that the USD file gives unless the configuration says that there is no limit."""
 
@@ -106,7 +107,7 @@ LIMITS = ("effort_limit", "velocity_limit_sim")
 def lines(values: Mapping[str, float], step: float, inertia: float) -> str:
     """The configuration of a group of one joint."""
     told = {it.name: values[it.name] for it in FIELDS if it.name != DELAY}
-    told |= {name: values[name] or 1e9 for name in LIMITS}  # so large that it is none
+    told |= {name: values[name] or NO_LIMIT for name in LIMITS}
     told |= {"armature": inertia, "min_delay": values[DELAY], "max_delay": values[DELAY]}
     inner = "".join(f"    {name}={value:.5g},\n" for name, value in told.items())
     return (
@@ -119,8 +120,8 @@ def lines(values: Mapping[str, float], step: float, inertia: float) -> str:
 KINDS = ("ImplicitActuatorCfg", "IdealPDActuatorCfg", "DelayedPDActuatorCfg")
 CURE = f"give a configuration in Python with {', '.join(KINDS)}"
 EFFORT = ("effort_limit", "actuator_effort_limit", "effort_limit_sim", "joint_effort_limit")
-JOINTS = "joint_names_expr"
 SPEED = ("velocity_limit_sim", "joint_velocity_limit")
+JOINTS = "joint_names_expr"
 
 
 def read(content: bytes, joint: str, inertia: float) -> Nominal:

@@ -140,8 +140,10 @@ def lines(values: Mapping[str, float], step: float, inertia: float) -> str:
     )
 
 
+SMALLEST_GEAR = 1e-6
 SERVOS = ("position", "pid")
 DRIVES = (*SERVOS, "motor", "dcmotor")
+ALIKE = ("general", *DRIVES)  # elements that share their defaults
 
 
 @dataclass(frozen=True)
@@ -179,7 +181,7 @@ class Driven:
     def gear(self) -> float:
         """Travel of the actuator over that of the joint."""
         ratio = self.of_drive("gear", default=1.0)
-        if abs(ratio) < 1e-6:
+        if abs(ratio) < SMALLEST_GEAR:
             raise UserError(f"gear of {self.origin} is {ratio:g}, nothing drives it: give another")
         return ratio
 
@@ -216,9 +218,7 @@ def read(content: bytes, joint: str, inertia: float) -> Nominal:
         raise UserError(f"joint '{name}' is driven by <{element.tag:.20}>: {cure}")
     at_joint = {**classes.get(hinge.get("class", inherited), {}).get("joint", {}), **hinge.attrib}
     defaults = classes.get(element.get("class", "main"), {})
-    drive: dict[str, str] = {}
-    for attributes in (*(defaults.get(tag, {}) for tag in ("general", *DRIVES)), element.attrib):
-        drive |= attributes  # elements that drive share their defaults
+    drive = {key: it for tag in ALIKE for key, it in defaults.get(tag, {}).items()} | element.attrib
     driven = Driven(name, at_joint, drive, inertia)
     reading = READINGS[element.tag](driven)
     values, warnings, origin = {**reading.values}, [*reading.warnings], driven.origin

@@ -12,8 +12,10 @@ from xml.parsers import expat
 from servo_models.errors import UserError, did_you_mean
 
 TRANSPORT_DELAY = "transport_delay.time"
+LEAST_RATIO = 0.05  # least damping ratio of our servo
 FASTEST = 1e4  # rad/s, largest speed limit of our servo
 NO_LIMIT = 1e7  # rad/s2, largest acceleration limit of our servo
+LARGEST_ERROR_RAD = math.pi  # error whose speed is the limit of a servo that has none
 FAST = 1000.0  # rad/s, natural frequency of a servo that follows at once
 LARGEST = 1e30  # largest number read from a file; a larger one, infinity or NaN is refused
 
@@ -52,7 +54,7 @@ def servo(
     if inertia <= 0.0:
         raise UserError(f"{origin} has no armature: give what the joint carries by --inertia")
     frequency = math.sqrt(stiffness / inertia)
-    least = 2.0 * 0.05 * frequency * inertia  # the least damping ratio of ours is 0.05
+    least = 2.0 * LEAST_RATIO * frequency * inertia
     apart = clipped >= least
     damping = clipped if apart else max(clipped + free, least)
     ratio = damping / (2.0 * frequency * inertia)
@@ -77,7 +79,7 @@ def follower(origin: str, frequency: float = FAST, ratio: float = 1.0) -> Values
 
     ``frequency`` [rad/s]; by default so fast that it adds no more than 2 ms.
     """
-    speed = 0.5 * frequency / ratio * math.pi  # of an error of half a turn
+    speed = 0.5 * frequency / ratio * LARGEST_ERROR_RAD
     return {
         "natural_frequency": (frequency, origin),
         "damping_ratio": (ratio, origin),

@@ -15,8 +15,12 @@ from servo_models.simulators.servo import Run
 from servo_models.simulators.simulator import DELAY, Field, Motion, Simulator
 
 FREQUENCIES = np.geomspace(2.0, 300.0, 9)  # rad/s
+RATIOS = (0.5, 1.0, 3.0)  # damping ratios from which searches start
 DELAYS_S = (0.0, 0.01, 0.03, 0.1)  # delays from which searches start
+BEST_STARTS = 3  # starts that are searched from, for each set of fields
+MOST_EVALUATIONS = 60  # gradients in a search at most
 DIFFERENCE = 1e-3  # relative step of a difference quotient
+EARNED = 0.05  # part of the cost by which a field has to lower it, or it is left out
 MOST_STEPS = 5e6  # time steps of all logs at most, minutes of work
 LARGEST_ERROR = 1e6  # rad, error of a law that diverges
 
@@ -79,7 +83,7 @@ class Fit:
             bounds=(low, high),
             x_scale="jac",
             diff_step=DIFFERENCE,
-            max_nfev=60,  # gradients
+            max_nfev=MOST_EVALUATIONS,
         )
         return values(optimum.x)
 
@@ -133,13 +137,13 @@ def refitted(
     taken = {name: ours.get(parameter, 0.0) for name, parameter in simulator.taken.items()}
     guesses = [
         {**start, **taken}
-        for frequency, ratio, delay in itertools.product(FREQUENCIES, (0.5, 1.0, 3.0), DELAYS_S)
+        for frequency, ratio, delay in itertools.product(FREQUENCIES, RATIOS, DELAYS_S)
         for start in simulator.starts(Motion(frequency, ratio, speed, inertia, delay / step + 0.5))
     ]
     best: list[dict[str, float]] = []
     for shape in {tuple(name for name, value in it.items() if value) for it in guesses}:
         alike = [it for it in guesses if tuple(n for n, value in it.items() if value) == shape]
-        best += sorted(alike, key=fit.cost)[:3]
+        best += sorted(alike, key=fit.cost)[:BEST_STARTS]
     values = min((fit.searched(begin) for begin in best), key=fit.cost)
     values = _whole(fit, values)
     return _simplified(fit, values), fit
@@ -159,6 +163,6 @@ def _simplified(fit: Fit, values: dict[str, float]) -> dict[str, float]:
             without = {**values, field.name: 0.0}
             if field.name != DELAY:
                 without = _whole(fit, fit.searched({**without, DELAY: values[DELAY] + 0.5}))
-            if fit.cost(without) <= 1.05 * fit.cost(values):
+            if fit.cost(without) <= (1.0 + EARNED) * fit.cost(values):
                 values = without
     return values

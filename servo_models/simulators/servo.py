@@ -20,6 +20,9 @@ from servo_models.simulators.simulator import EXACT, NO_FIELD, OF_JOINTS
 INERTIA = "shaft_inertia"  # wire of every plant with a shaft, see ``actuators/shaft.py``
 LOAD = "load"  # wire of every plant with a shaft
 SMALL_STEP = 0.1  # small step over the standard step
+SWEEP_PERIODS = 8.0  # periods of the sweep
+LOAD_SHARE = 0.2  # load over its full scale
+LONGEST_STEP_S = 0.005  # longest communication step
 
 
 @dataclass(frozen=True)
@@ -134,7 +137,7 @@ def excited(servo: Servo, loaded: bool) -> Run:
     Without ``loaded`` there is no load.
     """
     model, wire = servo.model, servo.command
-    step = min(model.step_size, 0.005)
+    step = min(model.step_size, LONGEST_STEP_S)
     count = int(np.ceil(0.5 * model.stop_time / step))
     size = model.actuator.step[1] - float(model.plant.wire[model.actuator.step[0]].rest)
     if wire.name != model.actuator.step[0]:
@@ -142,7 +145,7 @@ def excited(servo: Servo, loaded: bool) -> Run:
     held = (1.0, -1.0, -1.0 + SMALL_STEP, 0.0, 0.0, SMALL_STEP)
     steps = np.repeat(held, count)
     share = np.linspace(0.0, 1.0, 2 * count)
-    sweep = 0.5 * np.sin(2.0 * np.pi * 8.0 * share**2)  # of 8 periods
+    sweep = 0.5 * np.sin(2.0 * np.pi * SWEEP_PERIODS * share**2)
     shape = np.concatenate([np.zeros(1), steps, sweep])
     times = step * np.arange(len(shape), dtype=float)
     command = float(wire.rest) + size * shape
@@ -151,7 +154,7 @@ def excited(servo: Servo, loaded: bool) -> Run:
     torque = model.plant.wire[load]
     inputs[load] = np.zeros(len(shape))
     if loaded:
-        inputs[load][1 + 4 * count : 1 + 5 * count] = 0.2 * torque.scale
+        inputs[load][1 + 4 * count : 1 + 5 * count] = LOAD_SHARE * torque.scale
     angle = simulate(model, times, inputs)[servo.angle]
     loads = simulate(servo.loads(), times, inputs)[LOAD]
     every = np.ones(len(times), dtype=bool)

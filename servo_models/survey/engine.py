@@ -25,7 +25,10 @@ from servo_models.survey.job import Done, Job, failed, run
 from servo_models.survey.store import digest, files_of
 
 GRACE_FACTOR, GRACE_SECONDS = 3.0, 600.0  # past the time limit of a job, until its process is ended
+NO_LIMIT_SECONDS = 24.0 * 3600.0
 POLL_SECONDS = 0.1  # between attempts to end jobs in hand
+CONNECT_SECONDS = 10.0  # in which a scheduler has to answer
+IN_FLIGHT_PER_THREAD = 4  # jobs that a cluster is given at a time
 
 
 class Worker:
@@ -44,7 +47,7 @@ class Worker:
         make: Callable[..., Any],
         *arguments: Any,
     ) -> None:
-        seconds = 24.0 * 3600.0 if limit is None else GRACE_FACTOR * limit + GRACE_SECONDS
+        seconds = NO_LIMIT_SECONDS if limit is None else GRACE_FACTOR * limit + GRACE_SECONDS
         cure = "give it another --time-limit"
         self._child = Child(make, arguments, seconds, "the diagnosis", cure)
         self._failed = failed
@@ -102,7 +105,7 @@ def on_cluster(jobs: Iterator[Job], address: str) -> Generator[Done, None, None]
     distributed = extra("cluster", "distributed")
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # what is gone we tell
     try:
-        client = distributed.Client(address, timeout=10.0)
+        client = distributed.Client(address, timeout=CONNECT_SECONDS)
     except (OSError, ValueError) as error:
         raise UserError(
             f"no scheduler of Dask at '{address}' ({error}): start one there"
@@ -117,7 +120,7 @@ def on_cluster(jobs: Iterator[Job], address: str) -> Generator[Done, None, None]
 
     with closing(client):
         try:
-            most = 4 * max(1, sum(client.nthreads().values()))
+            most = IN_FLIGHT_PER_THREAD * max(1, sum(client.nthreads().values()))
             yield from _each(jobs, most, do, client.close)
         except (OSError, distributed.CancelledError) as error:
             raise UserError(

@@ -40,10 +40,14 @@ DISPLAY = {"s": "ms", "rad": "deg", "rad/s": "deg/s", "m": "mm", "m/s": "mm/s"}
 """Units in which people read what is in SI."""
 MOST_UNITS = 200  # rows of the matrix,
 OPEN_UNITS = 20  # of which so many are not behind a click
+MOST_JOINTS = 12  # columns of the matrix, above which they become rows, if they are the more
+MOST_WORST = 10  # rows
 MOST_ITEMS = 20  # sentences or rows of a kind
 MOST_PICTURES = 4
 MOST_DRAWN = 12  # units of a picture
 MOST_NAMES = 3  # examples of a reason
+ALIKE_SHARE = 0.5  # variation of sizes over their mean, up to which they are alike
+NORMAL_95 = 1.96  # standard errors of an interval of 95 %
 ROW = 0.42  # height of a unit in a picture [inch]
 WORST, WHOSE, LEFT_OUT = "The worst", "Whom causes belong to", "Failed, and notes"
 SPECIFIC = re.compile(r"'([^']*)'|0x[0-9a-f]+|\d+(?:\.\d+)?")
@@ -122,7 +126,7 @@ def _matrix(survey: Survey) -> Section:
     units, joints = (
         [*dict.fromkeys(getattr(it, key) for it in survey.outcomes)] for key in ("unit", "joint")
     )
-    turned = len(joints) > max(12, len(units))
+    turned = len(joints) > max(MOST_JOINTS, len(units))
     columns = units if turned else joints
     rows = [*dict.fromkeys(it.joint if turned else it.unit for it in survey.worst)]
 
@@ -157,7 +161,7 @@ def _worst(survey: Survey) -> Table:
             percent(it.taken[0].probability) if it.taken else "",
             *(it.gap_after, it.held_out),
         )
-        for it in survey.worst[:10]
+        for it in survey.worst[:MOST_WORST]
         if it.badness[0]
     ]
     columns = ("unit", "joint", "verdict", "causes", "probability", "left", "held out")
@@ -180,7 +184,7 @@ def _sizes(it: Belonging) -> str:
     size, low, high = it.size, it.smallest, it.largest
     if size is None or low is None or high is None:
         return "of no common size" if len(it.places) > 1 else "of no size that the logs tell"
-    if size.between <= 0.5 * abs(size.mean):  # sizes are alike
+    if size.between <= ALIKE_SHARE * abs(size.mean):
         return str(quantity(size.mean, it.measure, size.spread))
     limits = [quantity(limit, it.measure) for limit in (low, high)]
     return with_unit(" to ".join(number(it.value, 3) for it in limits), limits[0].unit)
@@ -293,7 +297,7 @@ def _picture(survey: Survey, it: Variation) -> Picture:
 
         def interval(value: Value, row: float, tint: str, width: float) -> None:
             mean, error = scale * told_arrays([value])[:, 0]
-            reach = 1.96 * error  # of 95 %
+            reach = NORMAL_95 * error
             size = 2.0 + width
             axes.errorbar(mean, row, xerr=reach, fmt="o", ms=size, lw=width, color=colour(tint))
 

@@ -25,6 +25,7 @@ from servo_models.survey.store import Store, key_of, read_outcomes
 
 __all__ = ["Survey", "survey"]
 
+COMMON = "common"  # folder of a survey with parameter files
 POLL_SECONDS = 0.5  # between looks at what another process has in hand
 
 
@@ -106,7 +107,7 @@ def survey(
     for joint, units in Counter(joint for _, joint in found.by_place).items():
         if units > 1:
             with suppress(UserError):  # nothing is known that they have in common
-                write_parameters(found.common(joint), folder / "common" / f"{as_file(joint)}.toml")
+                write_parameters(found.common(joint), folder / COMMON / f"{as_file(joint)}.toml")
     return found
 
 

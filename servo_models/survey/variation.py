@@ -16,8 +16,10 @@ from servo_models.report.document import Document, Magnitude
 from servo_models.survey.job import Estimate
 
 TOLD_PRIORS = 0.5  # standard error over the prior's, above which it is no value of the logs
+OUTLIER_CHANCE = 0.01  # probability that noise alone makes any unit of a parameter an outlier
 FAR_DEVIATIONS = 5.2  # distance from the median over the median distance; Iglewicz, Hoaglin (1993)
 FAR_ERRORS = 3.0  # the same over the value's own standard error, where many values are equal
+VAGUE_ERRORS = 5.0  # standard error over the median one, above which an episode tells too little
 MOST_UNITS = 60  # units of a mixed model, evenly picked: each costs milliseconds
 
 
@@ -88,8 +90,7 @@ def outlying(values: Array, errors: Array) -> tuple[Pooled, list[int]]:
     distances = np.abs(values - np.median(values))
     near = distances <= FAR_DEVIATIONS * np.median(distances) + FAR_ERRORS * errors
     others = pooled(values[near], errors[near])
-    # noise alone makes any value an outlier with 1 %
-    limit = student_t.ppf(1.0 - 0.01 / 2.0 / len(values), max(others.count - 1, 1))
+    limit = student_t.ppf(1.0 - OUTLIER_CHANCE / 2.0 / len(values), max(others.count - 1, 1))
     far = ~near & (np.abs(values - others.mean) > limit * np.hypot(others.spread, errors))
     return pooled(values[~far], errors[~far]), np.flatnonzero(far).tolist()
 
@@ -124,7 +125,7 @@ def split(units: Sequence[str], values: Array, errors: Array) -> Split | None:
     mixed = extra("survey", "statsmodels.regression.mixed_linear_model")
     names, group = np.unique(units, return_inverse=True)
     picked = np.linspace(0, len(names) - 1, MOST_UNITS).round()
-    chosen = np.isin(group, picked) & (errors <= 5.0 * np.median(errors))  # others tell too little
+    chosen = np.isin(group, picked) & (errors <= VAGUE_ERRORS * np.median(errors))
     values, errors = values[chosen], errors[chosen]
     names, group = np.unique(group[chosen], return_inverse=True)
     if not 1 < len(names) < len(values):

@@ -23,6 +23,7 @@ CONTROLLER = (
 """Fields of control_msgs/JointTrajectoryControllerState, since ROS 2 Iron and before."""
 JOINT_STATE = "position"  # field of sensor_msgs/JointState
 ARRAY = "data["  # field of std_msgs/Float64MultiArray
+TRAJECTORY = "points[0].positions"  # field of trajectory_msgs/JointTrajectory
 BY_HEADER = "the stamps in the headers, not those of arrival"
 BY_ARRIVAL = (
     "those of arrival at the recorder, since the headers have no common stamps: a late message"
@@ -58,8 +59,7 @@ def bag(path: Path) -> Recording:
                 joints.append(_joint(name, topic, tables_, pair, notes, given[0]))
             else:
                 left_out.append(_uncommanded(name, topic))
-    # of trajectory_msgs/JointTrajectory
-    sent = [topic for topic, it in tables.items() if _joints_of(it, "points[0].positions")]
+    sent = [topic for topic, it in tables.items() if _joints_of(it, TRAJECTORY)]
     if sent and left_out:
         left_out.append(
             f"'{sent[0]}' has goals to be reached later, and not what is commanded meanwhile:"

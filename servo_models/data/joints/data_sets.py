@@ -16,16 +16,22 @@ from servo_models.data.scaffold import CHECK, LARGEST_DEGREES
 from servo_models.data.signals import LEAST_SAMPLES
 from servo_models.errors import UserError
 
+MOST_READ = 50  # episodes that are looked at, at most
 MOST_EPISODES = 10  # episodes in a first description, at most: more take long and tell little
 HELD_OUT_PERIOD = 3  # of so many episodes, by how far they move, one is held out
 COMMAND = "action"  # feature with the commands
 READING = "observation.state"  # feature with the readings
 TURN_OF_COUNTS = 4096  # counts in a turn of the encoders in servos on a bus
+NORMALISED = 100.5  # end of the range of normalised positions, with rounding
+ROUNDED_STAMP = 1e-2  # rounding of a nominal time stamp, in frames
+RADIANS = 6.6  # largest angle of a joint in rad, a turn and some more
 UNSURE = (
     "degrees, or -100..100 (a gripper 0..100) of the calibrated range? The data do not say. For the"
     f" latter, scale = (range_max - range_min) / 200 (a gripper: / 100) * 360 / {TURN_OF_COUNTS} of"
     " the calibration file makes degrees; without it, 'deg' in every result is one such unit"
 )
+NOMINAL = "time stamps are nominal, frame / {fps:g} Hz, so that no jitter can be seen"
+CLIPPED = "the action is what was asked for, before the robot clipped it"
 
 
 def data_set(path: Path) -> Recording:
@@ -37,7 +43,7 @@ def data_set(path: Path) -> Recording:
     left_out = []
     if short:
         left_out.append(f"{_listed(short)} left out: fewer than {LEAST_SAMPLES} frames")
-    spread = np.linspace(0, len(usable) - 1, min(len(usable), 50)).round().astype(int)
+    spread = np.linspace(0, len(usable) - 1, min(len(usable), MOST_READ)).round().astype(int)
     looked_at = [usable[k] for k in spread]
     read = {n: read_columns(known[n][0], f"episode {n}") for n in looked_at}
     odd, unit, doubt = _units(read)
@@ -66,11 +72,9 @@ def data_set(path: Path) -> Recording:
                 _runs(moving),
             )
         )
-    notes = ["the action is what was asked for, before the robot clipped it"]
+    notes = [CLIPPED]
     if all(_is_nominal(columns, info.fps) for columns in read.values()):
-        notes.insert(
-            0, f"time stamps are nominal, frame / {info.fps:g} Hz, so that no jitter can be seen"
-        )
+        notes.insert(0, NOMINAL.format(fps=info.fps))
     if not info.names:
         notes.append(
             "without meta/info.json joints have numbers: copy the data set whole for names"
@@ -86,7 +90,7 @@ def data_set(path: Path) -> Recording:
 def _is_nominal(columns: Columns, fps: float) -> bool:
     """Whether stamps are the numbers of the frames, times the period."""
     off = columns.numbers("timestamp") * fps - columns.numbers("frame_index")
-    return bool(np.abs(off).max() < 1e-2)  # frames, to which stamps are rounded
+    return bool(np.abs(off).max() < ROUNDED_STAMP)
 
 
 def _listed(numbers: set[int]) -> str:
@@ -166,7 +170,7 @@ def _units(read: Mapping[int, Columns]) -> tuple[dict[int, str], str, str]:
     if usual == "counts":
         unit = f'unit = "deg", scale = {360.0 / TURN_OF_COUNTS}'
         return odd, unit, f"whole numbers up to {reach:.4g}, as counts with {TURN_OF_COUNTS} a turn"
-    if reach > 100.5:  # normalised positions go to 100, but for rounding
+    if reach > NORMALISED:
         return odd, 'unit = "deg"', f"joints reach {reach:.4g}, as in degrees"
     return odd, 'unit = "deg"', UNSURE
 
@@ -181,7 +185,7 @@ def _kind(columns: Columns) -> tuple[str, float]:
             continue
     every = np.concatenate(values) if values else np.zeros(1)
     reach = float(np.abs(every).max())
-    if reach <= 6.6:  # a turn and some more
+    if reach <= RADIANS:
         return "rad", reach
     if reach > LARGEST_DEGREES and not (every % 1.0).any():
         return "counts", reach

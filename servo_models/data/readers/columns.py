@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 NUMBER = 8  # bytes of a number
 LEAST_RUN = 8  # fewest rows of a run of its own; fewer are rows out of order
+SHORTEST_STEP = 1e-18  # step [s] far below that of any clock or solver
 
 
 @dataclass(frozen=True)
@@ -279,7 +280,7 @@ class Columns:
         so little, or by so much, that no rate or duration is a finite number."""
         with np.errstate(over="ignore"):
             steps = np.diff(times)
-        odd = np.flatnonzero((steps > 0.0) & (steps < 1e-18) | np.isinf(steps)) + 1  # s
+        odd = np.flatnonzero((steps > 0.0) & (steps < SHORTEST_STEP) | np.isinf(steps)) + 1
         if len(odd):
             row = int(odd[0])
             raise UserError(

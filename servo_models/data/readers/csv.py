@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 SUFFIXES = (".csv", ".tsv", ".txt")
 SEPARATORS = "\t;,"  # separators in the order of the search: a comma may be a decimal one
+LOOKED_AT = 100  # rows in which a first number of each column is looked for
 DECIMAL_COMMA = r"^(\s*[-+]?\d*),(\d*(?:[eE][-+]?\d+)?\s*)$"
 
 
@@ -37,7 +38,7 @@ def read(source: Source) -> Tables:
     names = _split(lines[start], separator)
     header = source.header
     if header is None:
-        header = _is_header(names, _first_cells(lines[start + 1 : start + 100], separator))
+        header = _is_header(names, _first_cells(lines[start + 1 : start + LOOKED_AT], separator))
     if header:
         start += 1
     else:

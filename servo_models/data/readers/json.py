@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     import polars as pl
 
 SUFFIXES = (".json", ".jsonl", ".ndjson")
+OF_LINES = SUFFIXES[1:]  # suffixes of files with a record a line
 
 
 def read(source: Source) -> Tables:
@@ -25,7 +26,7 @@ def read(source: Source) -> Tables:
         text = source.content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise source.damaged("JSON") from error
-    if source.path.suffix.lower() in SUFFIXES[1:]:
+    if source.path.suffix.lower() in OF_LINES:
         return _lines(source, text)
     try:
         document = _parsed(source, text)

@@ -22,7 +22,9 @@ INDICES = frozenset({"episode_index", "frame_index", "index", "task_index"})
 """Columns that count episodes, frames, rows and tasks."""
 OF_FRAMES = frozenset({"timestamp", "frame_index", "episode_index"})
 """Columns by which a Parquet file is one of a data set."""
+LARGEST_INFO = 4 << 20  # bytes of meta/info.json, at most
 MOST_EPISODES = 100_000  # episodes that are counted, at most
+DEEPEST = 5  # folders between a file of a data set and its root, at most
 
 
 @dataclass(frozen=True)
@@ -47,7 +49,7 @@ def is_data_set(path: Path) -> bool:
 
 def root_of(path: Path) -> Path | None:
     """Return the data set that a file is in, None for a file of none."""
-    parents = path.absolute().parents[:5]  # deeper lies none
+    parents = path.absolute().parents[:DEEPEST]
     return next((folder for folder in parents if os.path.isfile(folder / INFO)), None)
 
 
@@ -57,7 +59,7 @@ def read_info(root: Path | None) -> Info:
         return Info()
     path = root / INFO
     try:
-        content = json.loads(read_regular(path, 4 << 20))  # bytes
+        content = json.loads(read_regular(path, LARGEST_INFO))
         features = dict(content.get("features") or {})
         names = {unicode_of(key): _names(feature) for key, feature in features.items()}
         fps, count = float(content.get("fps") or 0.0), int(content.get("total_episodes") or 0)

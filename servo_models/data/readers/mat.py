@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     import polars as pl
 
 SUFFIXES = (".mat",)
+VERSION_73 = b"MATLAB 7.3"
+VERSION_4 = 0  # major version that scipy tells of a file of MATLAB 4
 HEADER = 128  # bytes of the header of a file
 TAG = 8  # bytes of the tag of an element
 COMPRESSED = 15  # type of a compressed element
@@ -30,7 +32,7 @@ COMPRESSED = 15  # type of a compressed element
 def read(source: Source) -> Tables:
     """Read a MAT file."""
     source.wanted([""])
-    read_ = _read_73 if source.content.startswith(b"MATLAB 7.3") else _read_5
+    read_ = _read_73 if source.content.startswith(VERSION_73) else _read_5
     with source.read_by_library("MAT"):
         values = read_(source)
     columns = [column for name, value in values for column in _columns(name, value)]
@@ -45,7 +47,7 @@ def read(source: Source) -> Tables:
 def _read_5(source: Source) -> list[tuple[str, Any]]:
     import scipy.io
 
-    if scipy.io.matlab.matfile_version(io.BytesIO(source.content))[0] != 0:  # of MATLAB 4
+    if scipy.io.matlab.matfile_version(io.BytesIO(source.content))[0] != VERSION_4:
         _check_unpacked(source)
     whole = scipy.io.whosmat(io.BytesIO(source.content))
     check_size(source.path, NUMBER * sum(float(np.prod(shape)) for _, shape, _ in whole))

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 SUFFIXES = (".mf4",)
 BEGINNINGS = (b"MDF     4", b"UnFinMF 4")
+TIME = "time [s]"
+TIMES = 1  # kind of a master channel whose values are times in s
 BLOCK = b"##"  # with which every block begins
 READS_PER_BLOCK = 100  # reads of a file while it is opened, at most; some 5 are needed
 NUMBERS = range(6)  # types of channels that hold integers or floats
@@ -111,10 +113,9 @@ def _columns(file: Any, places: list[tuple[int, int]]) -> tuple[list[pl.Series],
     signals = file.select(chosen, copy_master=False, ignore_value2text_conversions=True)
     for (group, place), signal in zip(places, signals):
         channel = file.groups[group].channels[place]
-        # a master of times
-        is_time = channel.sync_type == 1 and file.masters_db.get(group) == place
+        is_time = channel.sync_type == TIMES and file.masters_db.get(group) == place
         unit = f" [{signal.unit}]" if signal.unit else ""
-        name = aliases[channel.name] = "time [s]" if is_time else channel.name + unit
+        name = aliases[channel.name] = TIME if is_time else channel.name + unit
         column = array_column(name, signal.samples.astype(np.float64))
         if signal.invalidation_bits is not None:
             column = column.set(pl.Series(np.asarray(signal.invalidation_bits)), None)

@@ -44,6 +44,7 @@ from servo_models.units import parse
 __all__ = ["Rehearsal", "rehearse"]
 
 GAPS = (3.0, 10.0)  # noise floors: a gap that is seen, and one that is large
+LADDER = 30  # sizes among which a gap is sought, and again between two of these
 QUANTUM = 12.0**-0.5  # standard deviation of rounding, over the step
 SECONDS_PER_EFFECT, RUNS_PER_EFFECT = 0.1, 150  # of a diagnosis: a first guess of its time
 
@@ -300,7 +301,7 @@ class Rig:
         if gap(weak) >= gap(strong):  # a limit
             weak, strong = strong, weak
         for _ in range(2):
-            sizes = np.geomspace(weak, strong, 30)  # again between two of the first
+            sizes = np.geomspace(weak, strong, LADDER)
             gaps = np.array([gap(float(size)) for size in sizes])
             k = int(np.argmax(gaps >= wanted if gaps.max() >= wanted else gaps))
             weak, strong = sizes[max(k - 1, 0)], sizes[k]
