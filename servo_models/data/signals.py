@@ -31,6 +31,7 @@ from servo_models.data.schema import (
     setting,
 )
 from servo_models.data.sensor import off_neighbours
+from servo_models.data.turns import next_to, unwrapped
 from servo_models.errors import UserError
 from servo_models.units import factor, fitting_unit
 
@@ -217,7 +218,9 @@ def read_log(
     clock = _begun(clock, others.values(), path)
     _check_duration(clock, chosen.values["internal_step"])
     times = regular((clock.stamps - clock.stamps[0]) * clock.scale)
-    late = stamped_late(times, (_read(m, clock, times) for m in outputs.values()))
+    late = stamped_late(
+        times, (_read(m, clock, times, readings[name]) for name, m in outputs.items())
+    )
     if late:
         times, notes = late.times, [*notes, late.note]
     for kind, signals in (("inputs", inputs), ("outputs", outputs)):
@@ -228,6 +231,14 @@ def read_log(
         for name, m in inputs.items()
     }
     measured = {name: _output(m, clock, times, readings[name]) for name, m in outputs.items()}
+    for reading, m in outputs.items():
+        if len(back := _turned(m, clock, readings[reading])):
+            first = clock.rows[back[0]] + clock.columns.first_row
+            notes += [f"'{reading}' comes back by a turn, first in row {first}: it goes on here"]
+            for name, (instants, values) in sent.items():
+                if wires[name].unit == readings[reading].unit:
+                    there = np.interp(instants, times, measured[reading])
+                    sent[name] = instants, next_to(values, there)
     measured |= {name: np.full(len(times), np.nan) for name in blank}
     notes += [f"no column '{m.column}' yet: '{name}' is not measured" for name, m in blank.items()]
     lost = np.zeros(len(times), dtype=bool)
@@ -540,7 +551,7 @@ def _with_commands(times: Array, sent: Iterable[tuple[Array, Array]]) -> Array:
 
 def _output(mapped: Mapped, clock: Clock, times: Array, wire: Wire) -> Array:
     """An output in SI at the times of the log, after its shift."""
-    values = _read(mapped, clock, times)
+    values = _read(mapped, clock, times, wire)
     check_size(mapped, clock.columns, clock.rows, values, wire)
     moved = _moved(mapped.shift, times, values, wire.flag)
     if not wire.flag and np.ptp(moved) < LEAST:
@@ -552,15 +563,22 @@ def _output(mapped: Mapped, clock: Clock, times: Array, wire: Wire) -> Array:
     return moved
 
 
-def _read(mapped: Mapped, clock: Clock, times: Array) -> Array:
+def _read(mapped: Mapped, clock: Clock, times: Array, wire: Wire) -> Array:
     """An output in SI in the rows of the log, interpolated over rows that are no reading."""
     values, lost = in_si(mapped, clock.numbers(mapped.column)), _unread(mapped, clock)
     if lost.all():
         place = clock.columns.where(mapped.column)
         raise UserError(f"{place} is no reading in any row: correct missing, or outliers")
-    if lost.any():
-        values = np.interp(times, times[~lost], values[~lost])
-    return values
+    read = unwrapped(values[~lost])[0] if wire.unit == "rad" else values[~lost]
+    return np.interp(times, times[~lost], read)
+
+
+def _turned(mapped: Mapped, clock: Clock, wire: Wire) -> NDArray[np.int64]:
+    """Rows of the log in which an angle had come back by a turn."""
+    if wire.unit != "rad":
+        return clock.rows[:0]
+    read = np.flatnonzero(~_unread(mapped, clock))
+    return read[unwrapped(in_si(mapped, clock.numbers(mapped.column))[read])[1]]
 
 
 def _unread(mapped: Mapped, clock: Clock) -> Mask:
