@@ -30,8 +30,7 @@ from servo_models.data.schema import (
     quantity,
     setting,
 )
-from servo_models.data.sensor import off_neighbours
-from servo_models.data.turns import next_to, unwrapped
+from servo_models.data.sensor import next_to, off_neighbours, unwrapped
 from servo_models.errors import UserError
 from servo_models.units import factor, fitting_unit
 

@@ -156,6 +156,9 @@ def test_units_are_taken_from_headings(
         ("slip [%]", ("slip",), "%"),
         ("turns [1/min]", ("turns",), "1/min"),
         ("s", ("s",), None),
+        ("TimeUS", ("time",), "us"),
+        ("angleDeg", ("angle",), "deg"),
+        ("motorA", ("motor", "a"), None),
     ],
 )
 def test_headings(name: str, words: tuple[str, ...], unit: str | None) -> None:
@@ -311,6 +314,15 @@ def test_a_column_with_an_empty_cell_is_used(run: Run, csv: Path, cell: str) -> 
     assert log.inputs["voltage"][16] == pytest.approx(whole.inputs["voltage"][15])
     assert log.outputs["angle"] == pytest.approx(whole.outputs["angle"][kept])
     assert {*log.rows} == {*(kept + 2)}
+
+
+def test_a_draft_goes_into_a_folder_that_is_there(run: Run, tmp_path: Path) -> None:
+    log, path = motor_log(), tmp_path / "log.csv"
+    columns = {"time_s": log.times, "voltage_V": log.inputs["voltage"]}
+    pl.DataFrame({**columns, "angle_rad": log.outputs["angle"]}).write_csv(path)
+    (tmp_path / "drafts").mkdir()
+    assert run("check", path, "--init", "--out", tmp_path / "drafts")[0] == 0
+    assert (tmp_path / "drafts" / "log.toml").exists()
 
 
 def test_topics_that_were_merged_into_a_table(run: Run, tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from servo_models.core.types import Array
 from servo_models.data.description import read_description
-from servo_models.data.turns import TURN, unwrapped
+from servo_models.data.sensor import TURN, unwrapped
 from tests.conftest import Run
 
 TIMES = 0.01 * np.arange(600)
