@@ -563,14 +563,15 @@ def unwrapped(angles: Array) -> tuple[Array, NDArray[np.int64]]:
     They are as they were where motion may be so fast, where they have more than one turn, and where
     single wild readings alone leap.
     """
-    usual = angles - off_neighbours(angles)
-    leaps = np.flatnonzero(np.abs(np.diff(usual)) > 0.5 * TURN)
-    if not len(leaps) or np.ptp(angles) > WITHIN * TURN:
-        return angles, leaps[:0]
     whole = np.unwrap(angles)
-    if np.abs(np.diff(np.unwrap(usual))).max() > LARGEST_STEP * TURN:
-        return angles, leaps[:0]
-    return whole, np.flatnonzero(np.diff(np.round((whole - angles) / TURN))) + 1
+    back = np.flatnonzero(np.diff(np.round((whole - angles) / TURN))) + 1
+    both = (angles, angles - off_neighbours(angles))
+    slow = any(
+        np.abs(np.diff(it)).max(initial=0.0) > 0.5 * TURN
+        and np.abs(np.diff(np.unwrap(it))).max() < LARGEST_STEP * TURN
+        for it in both
+    )
+    return (whole, back) if slow and np.ptp(angles) < WITHIN * TURN else (angles, back[:0])
 
 
 def next_to(angles: Array, reading: Array) -> Array:
