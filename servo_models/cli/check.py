@@ -77,6 +77,8 @@ def _init(file: Path, out: Path | None, actuator: str | None, trust: bool) -> in
     from servo_models.data.scaffold import draft, write_draft
 
     path = out or file.with_suffix(".toml")
+    if path.is_dir():
+        path /= f"{file.stem}.toml"
     made = draft(file, actuator)
     write_draft(made, path)
     print(f"wrote '{path}': look at the lines marked 'guessed', then 'servo-models check {path}'")

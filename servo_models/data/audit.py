@@ -73,6 +73,7 @@ def audits(logs: Sequence[Log], plant: Plant) -> tuple[Audit, ...]:
     A sensor is an output from a column of one name, unit and scale.  The fast residual supposes
     samples that are almost evenly spaced.
     """
+    logs = [log.readings for log in logs]
     audited = [_audit(log, plant, steps) for log, steps in zip(logs, _steps(logs, plant))]
     # single wild readings apart
     moves = any(

@@ -74,7 +74,7 @@ def lags(logs: Sequence[Log], plant: Plant) -> Iterator[Lag]:
 
 
 def _lag(logs: Sequence[Log], command: str, output: str) -> Lag | None:
-    step = float(np.median(np.concatenate([np.diff(log.times) for log in logs])))
+    step = float(np.median(np.concatenate([np.diff(log.readings.times) for log in logs])))
     readings = [log.outputs[output] for log in logs]
     moves = float(np.std(np.concatenate(readings)))
     if not moves or all(np.ptp(log.inputs[command]) == 0.0 for log in logs):

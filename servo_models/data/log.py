@@ -84,6 +84,8 @@ class Log:
         unsure: changes [SI] of each output by one standard deviation of what nobody knows of the
             inputs, commands between lost rows and digits that were not written, shape (n,
             changes); None where all is known.
+        between: True for samples that are no reading: a command came between two of them, and
+            they are skipped; None for no such samples.
     """
 
     name: str
@@ -103,6 +105,7 @@ class Log:
     start: Start | None = None
     assumed: bool = False
     unsure: Mapping[str, Array] | None = None
+    between: Mask | None = None
 
     @property
     def duration(self) -> float:
@@ -111,8 +114,9 @@ class Log:
 
     @property
     def interval(self) -> float:
-        """Median time from a sample to the next [s], infinite for one sample."""
-        return float(np.median(np.diff(self.times))) if len(self.times) > 1 else np.inf
+        """Median time from a reading to the next [s], infinite for one."""
+        times = self.times if self.between is None else self.times[~self.between]
+        return float(np.median(np.diff(times))) if len(times) > 1 else np.inf
 
     def at(self, rows: slice | NDArray[np.int64]) -> Log:
         """Return the log at some of its rows, as it stands there."""
@@ -125,7 +129,15 @@ class Log:
             held_out=self.held_out[rows],
             skipped=None if self.skipped is None else self.skipped[rows],
             unsure=self.unsure and {name: moves[rows] for name, moves in self.unsure.items()},
+            between=None if self.between is None else self.between[rows],
         )
+
+    @property
+    def readings(self) -> Log:
+        """The log at its readings, without commands between them."""
+        if self.between is None:
+            return self
+        return replace(self.at(np.flatnonzero(~self.between)), between=None)
 
     @property
     def stamps(self) -> Array:

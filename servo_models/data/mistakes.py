@@ -18,6 +18,7 @@ from servo_models.core.types import Array
 from servo_models.data.log import Log
 from servo_models.data.outliers import AFTER, BEFORE, POSITIONS, told
 from servo_models.data.sensor import (
+    TURN,
     difference_noise,
     median_deviation,
     off_neighbours,
@@ -43,7 +44,6 @@ MOST_RUNS = 2  # equal leaps that joined runs may have by chance: a coarse senso
 ANSWERED = 0.3  # median response to jumps of a command over the largest, if leaps are answers
 SAME_LEAP = 0.15  # deviation of leaps from their median, relative, up to which they are equal
 WRAPPED = 0.6  # size of a leap over the range above which a counter begins anew
-TURN = 2.0 * np.pi  # angle of a turn [rad]
 PLACEHOLDERS = 3  # rows of one number far outside the range of the others, if it is no reading
 JUMP = 0.05  # change between two rows over the range above which a command jumps
 FAR_JUMP = 0.2  # change over the range from which a column jumps as a command does

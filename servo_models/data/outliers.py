@@ -36,6 +36,7 @@ def outliers_of(log: Log, wire: Wire) -> tuple[Outlier, ...]:
     """
     if wire.flag:
         return ()
+    log = log.readings
     values = log.outputs[wire.name]
     off = outliers(values, _answering(log) & ~_out_of_reach(values, wire))
     samples = [int(i) for i in np.flatnonzero((off != 0.0) & log.fitted)]

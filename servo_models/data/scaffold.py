@@ -760,6 +760,8 @@ def heading(name: str) -> tuple[tuple[str, ...], str | None]:
     if bracket:
         return _words(bracket[1]), _known(bracket[2])
     parts = re.split(r"[_\s]+", name.strip())
+    if len(parts) == 1:  # TimeUS, of a letter alone nobody knows
+        parts = re.sub(r"([a-z])([A-Z]{2,}|[A-Z][a-z]+)$", r"\1_\2", parts[0]).split("_")
     for count in (2, 1):
         suffix = "_".join(parts[-count:]).lower()
         if len(parts) > count and suffix in UNIT_SUFFIXES:

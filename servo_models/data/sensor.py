@@ -548,3 +548,37 @@ def _turns(command: Array, start: int, stop: int) -> bool:
     on = np.max((command[start:stop] - command[start]) * np.sign(before), axis=0)
     changing = np.ptp(command[start:stop], axis=0) > 0.0
     return bool(changing.any() and np.all((on <= np.abs(before))[changing]))
+
+
+# Angles that were written within one turn
+
+TURN = 2.0 * np.pi  # rad
+WITHIN = 1.01  # range over a turn up to which an angle may have been written within one
+LARGEST_STEP = 0.25  # step over a turn, from one row to the next, that motion surely stays below
+
+
+def unwrapped(angles: Array) -> tuple[Array, NDArray[np.int64]]:
+    """Return angles [rad] as they go on, and the rows in which they had come back by a turn.
+
+    They are as they were where motion may be so fast, where they have more than one turn, and where
+    single wild readings alone leap.
+    """
+    whole = np.unwrap(angles)
+    back = np.flatnonzero(np.diff(np.round((whole - angles) / TURN))) + 1
+    both = (angles, angles - off_neighbours(angles))
+    slow = any(
+        np.abs(np.diff(it)).max(initial=0.0) > 0.5 * TURN
+        and np.abs(np.diff(np.unwrap(it))).max() < LARGEST_STEP * TURN
+        for it in both
+    )
+    return (whole, back) if slow and np.ptp(angles) < WITHIN * TURN else (angles, back[:0])
+
+
+def next_to(angles: Array, reading: Array) -> Array:
+    """Return angles [rad] of a command, which may be written within a turn as well, in the turns
+    of a reading."""
+    if np.ptp(angles) > WITHIN * TURN:
+        return angles
+    both = (angles, np.unwrap(angles))
+    tried = [it + TURN * np.round(np.median(reading - it) / TURN) for it in both]
+    return min(tried, key=lambda it: float(np.sum((it - reading) ** 2)))

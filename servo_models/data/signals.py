@@ -30,7 +30,7 @@ from servo_models.data.schema import (
     quantity,
     setting,
 )
-from servo_models.data.sensor import off_neighbours
+from servo_models.data.sensor import next_to, off_neighbours, unwrapped
 from servo_models.errors import UserError
 from servo_models.units import factor, fitting_unit
 
@@ -40,6 +40,7 @@ Clocks = Callable[[Columns, str | int, str, bool, float | None], "Clock"]
 LEAST_SAMPLES = 16  # fewest samples of a log
 LARGEST = 1e100  # largest size of a signal [SI]: no number holds the square of a larger one
 LEAST = 1e-100  # least range of a reading [SI], for the same reason
+MOST_BETWEEN = 4  # commands between two readings that are kept, on average
 SAME_TIME = 1e-9  # difference [s] up to which instants are one: times and shifts are rounded
 AT_REST = 1e-3  # distance of an input from rest over its scale up to which it is at rest
 MOST_EMPTY = 1000.0  # duration in usual steps over the number of rows: above, a clock has jumped
@@ -216,24 +217,41 @@ def read_log(
     clock = _begun(clock, others.values(), path)
     _check_duration(clock, chosen.values["internal_step"])
     times = regular((clock.stamps - clock.stamps[0]) * clock.scale)
-    late = stamped_late(times, (_read(m, clock, times) for m in outputs.values()))
+    late = stamped_late(
+        times, (_read(m, clock, times, readings[name]) for name, m in outputs.items())
+    )
     if late:
         times, notes = late.times, [*notes, late.note]
     for kind, signals in (("inputs", inputs), ("outputs", outputs)):
         for name, signal in signals.items():
             _check_shift(section, f"{kind}.{name}.shift", signal.shift, times)
-    fed = {
-        name: _moved(m.shift, times, _input(m, clock, others.get(m.table), wires[name]), hold=True)
+    sent = {
+        name: _staircase(m, clock, others.get(m.table), wires[name], times)
         for name, m in inputs.items()
     }
     measured = {name: _output(m, clock, times, readings[name]) for name, m in outputs.items()}
+    for reading, m in outputs.items():
+        if len(back := _turned(m, clock, readings[reading])):
+            first = clock.rows[back[0]] + clock.columns.first_row
+            notes += [f"'{reading}' comes back by a turn, first in row {first}: it goes on here"]
+            for name, (instants, values) in sent.items():
+                if wires[name].unit == readings[reading].unit:
+                    there = np.interp(instants, times, measured[reading])
+                    sent[name] = instants, next_to(values, there)
     measured |= {name: np.full(len(times), np.nan) for name in blank}
     notes += [f"no column '{m.column}' yet: '{name}' is not measured" for name, m in blank.items()]
-    skipped = _skipped(section, entry.judged, times, fed) if entry.judged else None
+    lost = np.zeros(len(times), dtype=bool)
     for m in outputs.values():
         if m.missing is not None or m.farthest is not None:
-            lost = _moved(m.shift, times, _unread(m, clock).astype(float), hold=False) > 0.0
-            skipped = lost if skipped is None else skipped | lost
+            lost |= _moved(m.shift, times, _unread(m, clock).astype(float), hold=False) > 0.0
+    rows, times = times, _with_commands(times, sent.values())
+    row = np.searchsorted(rows, times, side="right") - 1
+    between = times > rows[row]
+    fed = {name: values[_held(instants, times)] for name, (instants, values) in sent.items()}
+    skipped = lost[row] | between
+    if entry.judged:
+        skipped |= _skipped(section, entry.judged, times, fed)
+    since = clock.since[row] + (times - rows[row])
     constants = _constants(section.section("constants"), chosen, inputs)
     origin = -float(clock.stamps[0]) * clock.scale
     time = Channel("time", str(clock.column), clock.unit, clock.scale, origin)
@@ -243,17 +261,21 @@ def read_log(
         sha256=clock.columns.sha256,
         times=times,
         inputs=fed,
-        outputs=measured,
+        outputs={
+            name: values[row] if readings[name].flag else np.interp(times, rows, values)
+            for name, values in measured.items()
+        },
         channels={"time": time} | {n: m.channel for n, m in (inputs | outputs | blank).items()},
-        rows=clock.rows + clock.columns.first_row,
-        held_out=_held_out(section, entry.held_out, clock.since, fed),
+        rows=clock.rows[row] + clock.columns.first_row,
+        held_out=_held_out(section, entry.held_out, since, fed),
         constants=constants,
         settle=_settle(section, entry, chosen, fed, constants, float(times[-1])),
-        skipped=skipped,
+        skipped=skipped if skipped.any() else None,
         begin=float(clock.since[0]),
         notes=tuple(notes),
         start=_start(section, entry.start, chosen),
         assumed=entry.start is None and entry.settle is None,
+        between=between if between.any() else None,
     )
 
 
@@ -264,7 +286,7 @@ def _clocks(
     table: Callable[[str | None], Columns],
     clocks: Clocks,
 ) -> tuple[Clock, dict[str | None, Clock], list[str]]:
-    """The rows of a log, those of other tables with its signals, and notes on the first."""
+    """The rows of a log, those of its commands where these are others, and notes on the first."""
     main = _time_table(entry)
     used: dict[str | None, list[str | int]] = {main: []}
     for signal in mapped:
@@ -283,14 +305,14 @@ def _clocks(
             if empty.any():
                 name = columns.names[columns.index(signal.column)]
                 gaps.append(f"{np.count_nonzero(empty)} rows without a value of '{name}' {what}")
-    whole = {
-        name: _clock_of(section, entry.time, tables[name], clocks, name == main).without(
-            dropped[name]
-        )
-        for name in used
+    every = {
+        name: _clock_of(section, entry.time, tables[name], clocks, name == main) for name in used
     }
-    clock, late = _with_values(_cut_window(section, entry.window, whole.pop(main)), used[main])
-    others = {name: _with_values(other, used[name])[0] for name, other in whole.items()}
+    kept = {name: clock.without(dropped[name]) for name, clock in every.items()}
+    clock, late = _with_values(_cut_window(section, entry.window, kept[main]), used[main])
+    others = {name: _with_values(it, used[name])[0] for name, it in kept.items() if name != main}
+    if dropped[main].any():  # a command may stand in rows without a reading
+        others[main] = _with_values(every[main], used[main])[0].on_ticks()
     clock, even = _ticked(clock)
     return clock, others, [*gaps, *late, *even]
 
@@ -484,14 +506,14 @@ def _outputs(section: Section, readings: Mapping[str, Wire], main: str | None) -
     return outputs
 
 
-def _input(mapped: Mapped, clock: Clock, other: Clock | None, wire: Wire) -> Array:
-    """An input in SI at the times of the log; from another table each value is held."""
-    if other is None:
-        source, held = clock, np.arange(len(clock.rows))
-    else:
-        source = other
-        held = np.searchsorted(other.stamps, clock.stamps, side="right") - 1
+def _staircase(
+    mapped: Mapped, clock: Clock, other: Clock | None, wire: Wire, times: Array
+) -> tuple[Array, Array]:
+    """Instants [s] on the clock of the log, from which an input has these values [SI]."""
+    source = other or clock
+    instants = (source.stamps - clock.stamps[0]) * clock.scale if other else times
     values = in_si(mapped, source.numbers(mapped.column))
+    held = np.unique(_held(instants, times))
     bad = held[is_outside(values[held], wire)]
     if len(bad):
         place = source.columns.where(mapped.column, int(source.rows[bad[0]]))
@@ -507,12 +529,28 @@ def _input(mapped: Mapped, clock: Clock, other: Clock | None, wire: Wire) -> Arr
             f"{cure if unit else '; or it is another column: two may be swapped'}"
         )
     check_size(mapped, source.columns, source.rows, values, wire)
-    return values[held]
+    return instants + mapped.shift, values
+
+
+def _held(instants: Array, times: Array) -> NDArray[np.int64]:
+    """Places of the values that hold at some times [s]: the latest, and the first before it."""
+    return np.maximum(np.searchsorted(instants, times + SAME_TIME, side="right") - 1, 0)
+
+
+def _with_commands(times: Array, sent: Iterable[tuple[Array, Array]]) -> Array:
+    """The times of a log, and those between at which an input changes; thinned if far more."""
+    changes = [instants[1:][np.diff(values) != 0.0] for instants, values in sent]
+    new = np.unique(np.concatenate([times[:0], *changes]))
+    new = new[(new > times[0]) & (new < times[-1])]
+    before = times[np.searchsorted(times, new, side="right") - 1]
+    after = times[np.searchsorted(times, new)]
+    new = new[np.minimum(new - before, after - new) > SAME_TIME]
+    return np.union1d(times, new[:: 1 + len(new) // (MOST_BETWEEN * len(times))])
 
 
 def _output(mapped: Mapped, clock: Clock, times: Array, wire: Wire) -> Array:
     """An output in SI at the times of the log, after its shift."""
-    values = _read(mapped, clock, times)
+    values = _read(mapped, clock, times, wire)
     check_size(mapped, clock.columns, clock.rows, values, wire)
     moved = _moved(mapped.shift, times, values, wire.flag)
     if not wire.flag and np.ptp(moved) < LEAST:
@@ -524,15 +562,22 @@ def _output(mapped: Mapped, clock: Clock, times: Array, wire: Wire) -> Array:
     return moved
 
 
-def _read(mapped: Mapped, clock: Clock, times: Array) -> Array:
+def _read(mapped: Mapped, clock: Clock, times: Array, wire: Wire) -> Array:
     """An output in SI in the rows of the log, interpolated over rows that are no reading."""
     values, lost = in_si(mapped, clock.numbers(mapped.column)), _unread(mapped, clock)
     if lost.all():
         place = clock.columns.where(mapped.column)
         raise UserError(f"{place} is no reading in any row: correct missing, or outliers")
-    if lost.any():
-        values = np.interp(times, times[~lost], values[~lost])
-    return values
+    read = unwrapped(values[~lost])[0] if wire.unit == "rad" else values[~lost]
+    return np.interp(times, times[~lost], read)
+
+
+def _turned(mapped: Mapped, clock: Clock, wire: Wire) -> NDArray[np.int64]:
+    """Rows of the log in which an angle had come back by a turn."""
+    if wire.unit != "rad":
+        return clock.rows[:0]
+    read = np.flatnonzero(~_unread(mapped, clock))
+    return read[unwrapped(in_si(mapped, clock.numbers(mapped.column))[read])[1]]
 
 
 def _unread(mapped: Mapped, clock: Clock) -> Mask:
@@ -614,6 +659,10 @@ class Clock:
         """Keep some of the rows kept."""
         ticks = None if self.ticks is None else self.ticks[which]
         return replace(self, stamps=self.stamps[which], rows=self.rows[which], ticks=ticks)
+
+    def on_ticks(self) -> Clock:
+        """The clock with times on its even grid, as it is where there is none."""
+        return self if self.ticks is None else replace(self, stamps=self.ticks)
 
     def without(self, dropped: Mask) -> Clock:
         """Leave out the rows of the table that are marked, shape (rows of the table,)."""
@@ -753,8 +802,8 @@ def _ticked(clock: Clock) -> tuple[Clock, list[str]]:
     again = np.diff(clock.stamps, prepend=-np.inf) == 0.0
     if clock.grid is None and again.any():
         clock = _on_grid(clock)  # its rows may lie on one, and not those outside of the window
-    if clock.grid is not None and clock.ticks is not None:
-        return replace(clock, stamps=clock.ticks), [clock.grid.note]
+    if clock.grid is not None:
+        return clock.on_ticks(), [clock.grid.note]
     if again.any():
         at = int(np.argmax(again))
         column, row = clock.column, int(clock.rows[at])

@@ -187,9 +187,10 @@ def _worst(problem: Problem, name: str, errors: Array) -> tuple[str, float]:
 def _motion(taken: FittedModel, name: str) -> float:
     """Of the log that has the floor: one that moves more has not, or its own would be larger."""
     runs = [run for run in taken.problem.runs if name in run.log.outputs]
-    noisiest = max(runs, key=lambda run: difference_noise(run.log.outputs[name]))
-    column = list(noisiest.log.outputs).index(name)
-    return difference_noise(noisiest.outputs_or_nan(taken.values)[:, column])
+    noisiest = max(runs, key=lambda run: difference_noise(run.log.readings.outputs[name]))
+    log, column = noisiest.log, list(noisiest.log.outputs).index(name)
+    simulated = noisiest.outputs_or_nan(taken.values)[:, column]
+    return difference_noise(simulated if log.between is None else simulated[~log.between])
 
 
 def _delay(problem: Problem, name: str) -> float:

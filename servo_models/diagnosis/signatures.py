@@ -256,9 +256,10 @@ def _moves(period: float, interval: float) -> NDArray[np.int_]:
 
 
 def _moved(log: Log, wire: str, rows: int) -> Log:
-    """A log whose command comes so many rows later."""
-    command = log.inputs[wire]
-    places = np.clip(np.arange(len(command)) - rows, 0, len(command) - 1)
+    """A log whose command comes so many usual rows later."""
+    command, half = log.inputs[wire], 0.5 * float(np.min(np.diff(log.times)))
+    sent = log.times - rows * log.interval + half
+    places = np.maximum(np.searchsorted(log.times, sent, side="right") - 1, 0)
     return replace(log, inputs={**log.inputs, wire: command[places]})
 
 
@@ -269,7 +270,7 @@ def _squares(fitted: FittedModel, log: Log, values: dict[str, float]) -> Array:
     errors = (run.outputs(values) - np.column_stack(list(log.outputs.values()))) / np.array(
         [problem.sigma[name] for name in log.outputs]
     )
-    return np.asarray(np.sum(errors**2, axis=1))
+    return np.asarray(np.sum(errors**2, axis=1) * log.counted)
 
 
 def _vertex(at: Array, cost: Array) -> tuple[float, float]:

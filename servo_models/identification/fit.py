@@ -267,7 +267,7 @@ def _check_simulated(model: Model, log: Log, told: str) -> None:
         Problem(model, [log], []).responses(np.empty(0))
     except UserError as error:
         stated = ", or the constants of this log" if log.constants else ""
+        cure = "" if model.actuator.inner else f"; correct its parameters{stated}"
         raise UserError(
-            f"{told}: the nominal model cannot be simulated on log '{log.name}': {error};"
-            f" correct its parameters{stated}"
+            f"{told}: the nominal model cannot be simulated on log '{log.name}': {error}{cure}"
         ) from error

@@ -25,7 +25,7 @@ from servo_models.analysis.experiment import display, in_time
 from servo_models.analysis.statistics import rms
 from servo_models.core.plant import Plant
 from servo_models.core.simulate import Model
-from servo_models.core.types import Array
+from servo_models.core.types import Array, Mask
 from servo_models.core.workers import ALONE, Workers
 from servo_models.data.clock import lost_rows
 from servo_models.data.log import Log
@@ -125,7 +125,14 @@ def _copies(log: Log, random: np.random.Generator) -> Iterator[tuple[str, str, f
             continue
         if step := _column_step(values):
             yield name, STEP, step, [_finer(log, name, step, random) for _ in range(COPIES)]
-        yield name, ROW, log.interval, [_earlier(log, name, changes, random) for _ in range(COPIES)]
+        if not _exact(log)[changes].all():
+            copies = [_earlier(log, name, changes, random) for _ in range(COPIES)]
+            yield name, ROW, log.interval, copies
+
+
+def _exact(log: Log) -> Mask:
+    """Mark samples whose commands have stamps of their own, shape (n,)."""
+    return np.zeros(len(log.times), dtype=bool) if log.between is None else log.between
 
 
 def _column_step(column: Array) -> float:
@@ -143,7 +150,7 @@ def _finer(log: Log, name: str, step: float, random: np.random.Generator) -> Log
 
 def _earlier(log: Log, name: str, changes: NDArray[np.int64], random: np.random.Generator) -> Log:
     """The log with each change of an input anywhere between the row before and its own."""
-    before = log.times[changes] - log.times[changes - 1]
+    before = (log.times[changes] - log.times[changes - 1]) * ~_exact(log)[changes]
     instants = log.times[changes] - random.uniform(0.0, 1.0, len(changes)) * before
     times = np.union1d(log.times, instants)
     held = np.searchsorted(log.times, times, "right") - 1
@@ -266,6 +273,8 @@ def _sent_before(log: Log, every: bool) -> Iterator[tuple[Log, float]]:
     sizes = np.zeros(len(before))
     for held in log.inputs.values():
         sizes += np.abs(held[before + 1] - held[before]) / (np.ptp(held) or 1.0)
+    if every:
+        sizes[_exact(log)[1:]] = 0.0
     most = min(MOST_CHANGES, int(log.fitted.sum()) // SAMPLES_PER_CHANGE)
     nodes, weights = np.polynomial.legendre.leggauss(1 if every else INSTANTS)
     for row in before[np.argsort(-sizes)[: min(most, np.count_nonzero(sizes))]]:

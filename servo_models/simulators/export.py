@@ -125,7 +125,7 @@ def export(
         servo,
         values,
         step,
-        {place: simulator.held(place, effect) for place, effect in servo.active().items()},
+        {place: simulator.held(place, effect, values) for place, effect in servo.active().items()},
         tuple(map(_errors, runs, fit.angles(values))),
     )
 

@@ -143,6 +143,13 @@ class Simulator:
         fields = tuple(float(values[it.name]) for it in self.fields)
         return self._compiled(fields, step, goal, load, *rest)
 
-    def held(self, place: str, effect: str) -> Held:
-        """Return how well the law holds an effect at a place."""
-        return self.holds.get(place, self.holds.get(effect, NO_FIELD))
+    def held(self, place: str, effect: str, values: Mapping[str, float] | None = None) -> Held:
+        """Return how well the law holds an effect at a place.
+
+        It names its fields: with these ``values`` they may have been left out, as of little use.
+        """
+        held = self.holds.get(place, self.holds.get(effect, NO_FIELD))
+        named = [it.name for it in self.fields if it.name in held.how.lower()]
+        if values and named and not any(values[name] for name in named):
+            return Held(LOST, f"{' and '.join(named)} left out: no better with it")
+        return held

@@ -110,6 +110,42 @@ def test_joints_keep_their_names_and_a_command_holds(
         assert log.inputs["goal"] == pytest.approx(held(log.times, 0.04, place), abs=1e-6)
 
 
+def test_a_command_between_two_readings_holds_from_its_own_stamp(run: Run, tmp_path: Path) -> None:
+    """Moved to the next reading it would be 7 ms late, and so would every delay be short."""
+
+    def command_between(time: float) -> Message:
+        return command(time + 0.003 if time else 0.0)
+
+    topics = {
+        "/joint_states": sampled(state, 0.01, 4.0),
+        "/joint_command": sampled(command_between, 0.02, 4.0),
+    }
+    assert init(run, bag(tmp_path / "rig", topics))[0] == 0
+
+    (log,) = read_description(tmp_path / "rig_elbow.toml").logs
+
+    assert log.between is not None
+    assert log.readings.times == pytest.approx(np.arange(0.0, 4.0, 0.01), abs=1e-7)
+    assert log.times[log.between] == pytest.approx(0.003 + np.arange(0.02, 4.0, 0.02), abs=1e-7)
+    assert not log.counted[log.between].any()
+    sent = np.append(0.0, 0.003 + np.arange(0.02, 4.0, 0.02))
+    place = np.searchsorted(sent, log.times + 1e-6, side="right") - 1
+    expected = [goals(float(time))[1] for time in sent[place]]
+    assert log.inputs["goal"] == pytest.approx(expected, abs=1e-6)
+    assert "before its row" not in run("check", tmp_path / "rig_elbow.toml")[1]
+
+
+def test_headers_whose_stamps_run_backward_are_told(run: Run, tmp_path: Path) -> None:
+    def disordered(time: float) -> Message:
+        early = 0.015 if round(100 * time) == 100 else 0.0
+        message = controller_state(EPOCH + ns(time - early), NAMES, goals(time), places(time))
+        return ns(time + TRANSPORT), message
+
+    folder = bag(tmp_path / "rig", {"/arm/state": sampled(disordered, 0.01, 4.0)})
+    out = init(run, folder)[1]
+    assert "since stamps in the headers of '/arm/state' run backward at message 101" in out
+
+
 def test_two_senders_share_a_topic(run: Run, tmp_path: Path) -> None:
     """Each message has the joints of one, as those of an arm and of its gripper."""
 
@@ -123,6 +159,7 @@ def test_two_senders_share_a_topic(run: Run, tmp_path: Path) -> None:
     for place, name in enumerate(NAMES):
         (log,) = read_description(tmp_path / f"rig_{name}.toml").logs
         times = 0.01 * place + 0.02 * np.arange(200)
+        log = log.readings
         assert log.times == pytest.approx(times - times[0], abs=1e-7)
         expected = [places(float(time))[place] for time in times]
         assert log.outputs["angle_reading"] == pytest.approx(expected, abs=1e-6)

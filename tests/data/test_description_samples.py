@@ -234,11 +234,23 @@ def test_a_cell_without_a_value_holds_or_drops_its_row(
     kept = [k for k in range(len(TABLE)) if k not in dropped]
     held_u = [TABLE[2][1] if k in EMPTY_U else TABLE[k][1] for k in kept]
     held_y = [TABLE[k - 1 if k in EMPTY_Y else k][2] * DEGREE for k in kept]
+    assert any("2 rows without a value of 'u'" in note for note in log.notes)
+    log = log.readings
     assert log.times == pytest.approx([0.005 * k for k in kept])
     assert log.inputs["voltage"] == pytest.approx(held_u)
     assert log.outputs["angle"] == pytest.approx(held_y)
     assert list(log.rows) == [k + 2 for k in kept]
-    assert any("2 rows without a value of 'u'" in note for note in log.notes)
+
+
+def test_a_command_shifts_by_part_of_a_row(tmp_path: Path) -> None:
+    shifted = LOG.replace('unit = "V"', 'unit = "V", shift = "2 ms"')
+    (log,) = describe(tmp_path, shifted).logs
+    sent = np.array([u for _, u, _ in TABLE])
+    place = np.floor((log.times - 0.002) / 0.005 + 1e-6).astype(int)
+    assert log.inputs["voltage"] == pytest.approx(sent[np.maximum(place, 0)])
+    assert log.between is not None
+    assert np.count_nonzero(log.between) == np.count_nonzero(np.diff(sent[:-1]))
+    assert log.readings.times == pytest.approx(0.005 * np.arange(len(TABLE)))
 
 
 def test_a_gap_that_nobody_explains_is_a_fault(tmp_path: Path) -> None:

@@ -75,6 +75,7 @@ def test_a_draft_takes_the_units_over_and_holds_a_slower_goal(run: Run, tmp_path
     text = path.with_suffix(".toml").read_text()
     assert text.count("# guessed") == 1  # the supply, which is no channel
     (log,) = read_description(path.with_suffix(".toml")).logs
+    log = log.readings
     assert log.times == pytest.approx(FAST - FAST[0], abs=1e-9)
     sent = goal(0.02 * np.floor(FAST / 0.02 + 1e-9))
     assert np.degrees(log.inputs["goal"]) == pytest.approx(sent, abs=1e-9)

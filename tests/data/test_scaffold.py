@@ -156,6 +156,9 @@ def test_units_are_taken_from_headings(
         ("slip [%]", ("slip",), "%"),
         ("turns [1/min]", ("turns",), "1/min"),
         ("s", ("s",), None),
+        ("TimeUS", ("time",), "us"),
+        ("angleDeg", ("angle",), "deg"),
+        ("motorA", ("motor", "a"), None),
     ],
 )
 def test_headings(name: str, words: tuple[str, ...], unit: str | None) -> None:
@@ -313,6 +316,15 @@ def test_a_column_with_an_empty_cell_is_used(run: Run, csv: Path, cell: str) -> 
     assert {*log.rows} == {*(kept + 2)}
 
 
+def test_a_draft_goes_into_a_folder_that_is_there(run: Run, tmp_path: Path) -> None:
+    log, path = motor_log(), tmp_path / "log.csv"
+    columns = {"time_s": log.times, "voltage_V": log.inputs["voltage"]}
+    pl.DataFrame({**columns, "angle_rad": log.outputs["angle"]}).write_csv(path)
+    (tmp_path / "drafts").mkdir()
+    assert run("check", path, "--init", "--out", tmp_path / "drafts")[0] == 0
+    assert (tmp_path / "drafts" / "log.toml").exists()
+
+
 def test_topics_that_were_merged_into_a_table(run: Run, tmp_path: Path) -> None:
     """A row has a command or a reading, as tools merge what came at other times."""
     log, path = motor_log(), tmp_path / "log.csv"
@@ -323,8 +335,11 @@ def test_topics_that_were_merged_into_a_table(run: Run, tmp_path: Path) -> None:
     assert run("check", path, "--init")[0] == 0
     (read,) = read_description(path.with_suffix(".toml")).logs
     kept = np.flatnonzero(np.arange(len(log.times)) % 3)
-    assert read.outputs["angle"] == pytest.approx(log.outputs["angle"][kept])
-    assert read.inputs["voltage"] == pytest.approx(log.inputs["voltage"][kept - kept % 3])
+    assert read.readings.outputs["angle"] == pytest.approx(log.outputs["angle"][kept])
+    sent = log.inputs["voltage"][::3]
+    place = np.searchsorted(log.times[::3], read.times + read.begin + 1e-9, side="right") - 1
+    assert read.inputs["voltage"] == pytest.approx(sent[place])
+    assert np.count_nonzero(np.diff(sent)) == np.count_nonzero(np.diff(read.inputs["voltage"]))
 
 
 @pytest.mark.parametrize(

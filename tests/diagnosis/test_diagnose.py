@@ -17,9 +17,11 @@ from hypothesis import strategies as st
 from msgspec import structs
 from threadpoolctl import threadpool_info
 
+import servo_models as sm
 from servo_models.analysis.linear_model import LinearModel
 from servo_models.core.catalogue import actuators
 from servo_models.core.simulate import model, simulate
+from servo_models.core.types import Array
 from servo_models.core.workers import Workers
 from servo_models.data.description import read_description
 from servo_models.data.sensor import Floor
@@ -31,7 +33,7 @@ from servo_models.diagnosis.preconditions import slowest_time_constant
 from servo_models.diagnosis.search.crossval import CrossValidation, blocks
 from servo_models.diagnosis.search.selection import FIRST_ANSWER
 from servo_models.diagnosis.stretches import HeldOut, held_out_scores
-from servo_models.diagnosis.verdict import Verdict, decide
+from servo_models.diagnosis.verdict import PARAMETERS, Verdict, decide
 from servo_models.identification.problem import Problem
 from servo_models.validation.torque_motor.reference import EQ_12
 from tests.support.compilers import in_c_only
@@ -381,3 +383,38 @@ def test_a_diagnosis_loads_no_library_that_takes_longer_than_its_search(tmp_path
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True)
     heavy = {"scipy.stats", "scipy.signal", "scipy.optimize", "scipy.linalg", "matplotlib", "numba"}
     assert not heavy & set(loaded.stdout.decode().split())
+
+
+def limited_servo(times: Array, goal: Array) -> Array:
+    """A servo of 25 rad/s that turns at most 120 deg/s, 30 ms late, in Euler steps of 0.2 ms."""
+    fine, angle, speed = np.arange(0.0, times[-1] + 2e-4, 2e-4), 0.0, 0.0
+    late = goal[np.clip(np.searchsorted(times, fine - 0.03, side="right") - 1, 0, None)]
+    angles = np.empty_like(fine)
+    for k, reference in enumerate(late):
+        angles[k] = angle
+        drive = min(max(25.0 / 1.6 * (reference - angle), -120.0), 120.0)
+        speed += 40.0 * (drive - speed) * 2e-4
+        angle += speed * 2e-4
+    return np.interp(times, fine, angles)
+
+
+@pytest.mark.thorough
+def test_no_effect_is_blamed_where_re_tuning_had_stopped_short() -> None:
+    times, random = np.arange(0.0, 14.0, 0.02), np.random.default_rng(3)
+    goal = np.zeros_like(times)
+    levels = [(1.0, -16.1), (2.5, 16.1), (4.0, -3.2), (5.0, 0.6), (5.7, -5.8), (7.0, 0.0)]
+    for begin, level in levels:
+        goal[times > begin] = level
+    since = np.clip(times - 7.0, 0.0, None)
+    goal -= 16.1 * np.sin(2.0 * np.pi * (0.3 * since + 0.06 * since**2)) * np.clip(2 * since, 0, 1)
+    angle = limited_servo(times, goal) + random.normal(0.0, 0.05, len(times))
+    description = sm.describe(
+        sm.model("second_order_servo", "bus"),
+        logs={"flight": {"t": times, "goal": goal, "angle": angle}},
+        columns={"time": "t", "goal": ("goal", "deg"), "angle": ("angle", "deg")},
+    )
+
+    found = sm.diagnose(description)
+
+    assert found.verdict.kind == PARAMETERS
+    assert found.selection.taken.values["transport_delay.time"] == pytest.approx(0.03, abs=1e-3)

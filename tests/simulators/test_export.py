@@ -93,6 +93,14 @@ def test_what_is_lost_is_said_and_the_rest_is_in_words(tmp_path: Path) -> None:
     assert "one body" in text
 
 
+def test_an_effect_whose_field_was_left_out_is_lost(tmp_path: Path) -> None:
+    """Play far below what a lag in place of a second order is off."""
+    found = export(written(tmp_path, {**MOTION, "backlash.half_width": 1e-5}), "jsbsim")
+    assert found.values["hysteresis_width"] == 0.0
+    assert found.held["backlash"] == (LOST, "hysteresis_width left out: no better with it")
+    assert "lost: backlash" in str(found)
+
+
 def test_on_a_log_the_errors_are_those_of_the_comparison() -> None:
     """Which simulates the sets of values on the log by itself."""
     found = export(UAV / "GAP.toml", "mujoco", UAV / "bench.toml")

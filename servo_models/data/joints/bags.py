@@ -25,10 +25,7 @@ JOINT_STATE = "position"  # field of sensor_msgs/JointState
 ARRAY = "data["  # field of std_msgs/Float64MultiArray
 TRAJECTORY = "points[0].positions"  # field of trajectory_msgs/JointTrajectory
 BY_HEADER = "the stamps in the headers, not those of arrival"
-BY_ARRIVAL = (
-    "those of arrival at the recorder, since the headers have no common stamps: a late message"
-    " looks like a late joint"
-)
+BY_ARRIVAL = "those of arrival at the recorder, since {}: a late message looks like a late joint"
 
 
 def bag(path: Path) -> Recording:
@@ -109,10 +106,11 @@ def _joint(
     source: str = "",
 ) -> Joint:
     """A joint of a bag; ``source`` is the topic of its command if it is another one."""
-    by_header = all(map(_has_stamps, tables)) and _overlap(*tables)
-    times = f"times of '{topic}'" + (f" and '{source}'" if source else "")
-    notes[f"{times} are {BY_HEADER if by_header else BY_ARRIVAL}"] = None
-    column = HEADER_STAMP if by_header else "log_time"
+    topics = {topic: tables[1], **({source: tables[0]} if source else {})}
+    why = _no_common_stamps(topics)
+    times = f"times of {' and '.join(map(repr, topics))}"
+    notes[f"{times} are {BY_ARRIVAL.format(why) if why else BY_HEADER}"] = None
+    column = "log_time" if why else HEADER_STAMP
     again = (np.diff(tables[1].numbers(column)) == 0.0).any()
     repeats = ', repeats = "drop"' if again else ""
     held = f", table = {quoted(source)}" if source else ""
@@ -134,18 +132,24 @@ def _joint(
     )
 
 
-def _has_stamps(columns: Columns) -> bool:
-    """Whether every header has a stamp, and these rise."""
-    if HEADER_STAMP not in columns.names:
-        return False
-    try:
-        steps = np.diff(columns.numbers(HEADER_STAMP))
-    except UserError:
-        return False
-    return bool((steps >= 0.0).all() and (steps > 0.0).any())
-
-
-def _overlap(command: Columns, reading: Columns) -> bool:
-    """Whether the stamps of both overlap, as those of one clock do."""
-    stamps = [columns.numbers(HEADER_STAMP) for columns in (command, reading)]
-    return bool(max(it[0] for it in stamps) < min(it[-1] for it in stamps))
+def _no_common_stamps(topics: Mapping[str, Columns]) -> str:
+    """Why headers do not give the times of topics: none, none that rise, or of two clocks."""
+    ends = []
+    for topic, columns in topics.items():
+        if HEADER_STAMP not in columns.names:
+            return f"'{topic}' has no stamps in headers"
+        try:
+            stamps = columns.numbers(HEADER_STAMP)
+        except UserError:
+            return f"'{topic}' has headers without a stamp"
+        back = np.diff(stamps) < 0.0
+        if back.any():
+            return (
+                f"stamps in the headers of '{topic}' run backward at message {np.argmax(back) + 2}"
+            )
+        if stamps[-1] == stamps[0]:
+            return f"stamps in the headers of '{topic}' are all alike"
+        ends.append((stamps[0], stamps[-1]))
+    if max(begin for begin, _ in ends) >= min(end for _, end in ends):
+        return f"stamps in the headers of {' and '.join(map(repr, topics))} share no time"
+    return ""

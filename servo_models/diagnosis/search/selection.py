@@ -223,7 +223,10 @@ class SubsetSelection:
         if self.suffices(0):
             answer(self.retuned)
             return self.retuned
-        self.grow(1, [one for one in self.every if not one.grid])
+        smooth = [one for one in self.every if not one.grid]
+        self.grow(1, smooth)
+        if self.retune_again():
+            self.grow(1, smooth)
         first = self.accepted()
         answer(first)
         return first if self.retuned.settled else self.further()
@@ -259,6 +262,19 @@ class SubsetSelection:
             taken = self.accepted()
         self.begin(SINES)
         return self.with_harmonics(taken)
+
+    def retune_again(self) -> bool:
+        """Re-tune nominal parameters from where the best effect has put them; return whether that
+        leaves less: alone they may have stopped short of it."""
+        for best in self.best(1)[:1]:
+            again = self.fitter.finish(self.fitter.fit((), (), best.values))
+            if again.loss < (1.0 - self.settings.entry_share) * self.retuned.loss:
+                self.retuned = self.models[frozenset()] = again
+                self.surveyed = survey(again.linearised, [], self.every)
+                self.results = moving(self.surveyed)
+                self.screener = Screener(self.every, self.results, self.screener)
+                return True
+        return False
 
     def fitter_of(self, model: FittedModel) -> Fitter:
         """The fitter that has the priors of a model."""
