@@ -37,7 +37,7 @@ STUCK_SHARE = 0.1  # share of all rows at one value, in one piece, above which a
 STRAIGHT = 1e-5  # second difference over the range up to which three readings lie on a line
 STRAIGHT_SHARE = 0.55  # share of moving rows on a line, above which every other row was put between
 BENT = 20.0  # second difference elsewhere over that on a line, above which rows were put between
-LEAP_RATIO = 5.0  # size of a leap over the largest step that is none, at least
+LEAP_RATIO = 5.0  # size of a leap over the largest other step, or the reading step, at least
 LEAST_LEAP = 0.1  # size of a leap over the range, at least
 MOST_LEAPS = 40  # leaps in a log, at most: more are how it moves
 MOST_RUNS = 2  # equal leaps that joined runs may have by chance: a coarse sensor makes more
@@ -96,7 +96,8 @@ def mistakes(log: Log, plant: Plant, steps: Mapping[str, float]) -> Iterator[Mis
             continue
         told = [*_copied(log, name, values)] or [*_swapped(log, name, values)]
         told = told or [*_placeholders(log, wire, values)]
-        told = told or [*_leaps(log, wire, values), *_held(log, name, values, steps.get(name, 0.0))]
+        step = steps.get(name, 0.0)
+        told = told or [*_leaps(log, wire, values, step), *_held(log, name, values, step)]
         told = told or [*_stands(log, plant, name, values)] or [*_straight(name, values)]
         if not told and name == next(iter(log.outputs)):
             told = [*_averaged(name, values)] or [*_without_kinks(log, plant, name, values)]
@@ -166,13 +167,14 @@ def _repeats(values: Array) -> float:
     return float(np.mean(np.abs(np.diff(values)) <= EQUAL * np.ptp(values)))
 
 
-def _leaps(log: Log, wire: Wire, values: Array) -> Iterator[Mistake]:
-    """A position that leaps between two rows: a counter begins anew, or another run does."""
+def _leaps(log: Log, wire: Wire, values: Array, step: float) -> Iterator[Mistake]:
+    """A position that leaps between two rows, by many reading steps: a counter begins anew, or
+    another run does."""
     if wire.unit not in POSITIONS:
         return
     steps = np.diff(values - off_neighbours(values))  # single wild readings are told elsewhere
     sizes = np.sort(np.abs(steps))[::-1][: MOST_LEAPS + 1]
-    ratios = sizes[:-1] / np.maximum(sizes[1:], EQUAL * np.ptp(values))
+    ratios = sizes[:-1] / np.maximum(sizes[1:], max(step, EQUAL * np.ptp(values)))
     count = int(np.argmax(ratios)) + 1
     turned = wire.unit == "rad" and WRAPPED * TURN < np.ptp(values) < (1.0 + EQUAL) * TURN
     if turned and sizes[0] > 0.5 * TURN:

@@ -50,6 +50,15 @@ def test_a_log_as_it_should_be_is_not_accused(seed: int) -> None:
     assert said(*record(seed)) == []
 
 
+@given(st.floats(0.1, 2.0), st.floats(0.0, 1.0))
+def test_a_reading_that_moves_by_single_counts_does_not_leap(counts: float, phase: float) -> None:
+    times = INTERVAL * np.arange(ROWS)
+    angle = 0.0015 * (0.5 + counts * np.sin(2.0 * np.pi * (0.3 * times + phase)))
+    coarse = 0.0015 * np.round(angle / 0.0015)
+    log = log_of(times, {"goal": angle}, {"angle": coarse})
+    assert not [text for text in mistakes(log, PLANT, {"angle": 0.0015}) if "leaps" in str(text)]
+
+
 def clipped(angle: Array) -> Array:
     low, high = np.min(angle), np.max(angle)
     return np.clip(angle, low + 0.2 * (high - low), high - 0.2 * (high - low))
