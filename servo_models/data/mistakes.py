@@ -95,8 +95,8 @@ def mistakes(log: Log, plant: Plant, steps: Mapping[str, float]) -> Iterator[Mis
         if wire.flag or len(values) < LEAST_ROWS or not np.ptp(values):
             continue
         told = [*_copied(log, name, values)] or [*_swapped(log, name, values)]
-        told = told or [*_placeholders(log, wire, values)]
         step = steps.get(name, 0.0)
+        told = told or [*_placeholders(log, wire, values, step)]
         told = told or [*_leaps(log, wire, values, step), *_held(log, name, values, step)]
         told = told or [*_stands(log, plant, name, values)] or [*_straight(name, values)]
         if not told and name == next(iter(log.outputs)):
@@ -116,15 +116,15 @@ def _doubled(log: Log) -> Iterator[Mistake]:
         yield Mistake("every row is there twice: keep one of each", "sample_hold")
 
 
-def _placeholders(log: Log, wire: Wire, values: Array) -> Iterator[Mistake]:
-    """A number that stands for no reading, such as -999."""
+def _placeholders(log: Log, wire: Wire, values: Array, step: float) -> Iterator[Mistake]:
+    """A number that stands for no reading, such as -999, many reading steps from all others."""
     for end in (np.min(values), np.max(values)):
         which = values == end
         others = values[~which]
         if which.sum() < PLACEHOLDERS or not len(others):
             continue
         apart = np.min(np.abs(others - end))
-        if apart > np.ptp(others) and len(runs(which)[0]) >= PLACEHOLDERS:
+        if apart > max(np.ptp(others), LEAP_RATIO * step) and len(runs(which)[0]) >= PLACEHOLDERS:
             yield Mistake(
                 f"'{wire.name}' reads {told(wire, end)} in {which.sum()} rows, the first of them"
                 f" row {log.rows[np.argmax(which)]}, far outside all others: it stands for no"
