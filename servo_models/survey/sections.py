@@ -36,7 +36,7 @@ from servo_models.units import factor
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-DISPLAY = {"s": "ms", "rad": "deg", "rad/s": "deg/s", "m": "mm", "m/s": "mm/s"}
+DISPLAY = {"s": "ms", "rad": "deg", "m": "mm", "m/s": "mm/s"}
 """Units in which people read what is in SI."""
 MOST_UNITS = 200  # rows of the matrix,
 OPEN_UNITS = 20  # of which so many are not behind a click
