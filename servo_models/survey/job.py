@@ -6,6 +6,7 @@ values of every episode by itself, and the diagnosis whole.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -27,6 +28,7 @@ from servo_models.identification.linear_inference import spread
 from servo_models.identification.optimise import descend
 from servo_models.report.document import Digest, Document, Figure, Magnitude, Share, about
 from servo_models.report.html import page
+from servo_models.report.numbers import plural
 from servo_models.report.result import page_of
 
 FAILED = "failed"
@@ -172,6 +174,10 @@ def run(job: Job) -> Done:
     parameters = found.model.plant.parameters
     nominal = [value for value in found.found if not parameters[value.name].owner]
     weights = weights_by_effects(found.selection, found.verdict)
+    episodes = [*_episodes(found, job.options.get("time_limit") or math.inf)]
+    problem = found.selection.taken.problem
+    if problem.free and (left := len(problem.logs) - len(episodes)):
+        warnings = (*warnings, f"no time was left to fit {plural(left, 'log')} alone")
     kept = _kept(
         job,
         actuator=found.model.actuator.key,
@@ -189,7 +195,7 @@ def run(job: Job) -> Done:
         ],
         explanations=[Explanation(it.effects, weights[it.effects]) for it in found.verdict.rivals],
         parameters=_estimates(found, nominal),
-        episodes=[*_episodes(found)],
+        episodes=episodes,
         diagnosis=msgspec.Raw(found.to_json().encode()),
         seconds=time.perf_counter() - begin,
     )
@@ -229,11 +235,13 @@ def _estimates(found: Diagnosis, values: Iterable[Value]) -> list[Estimate]:
     ]
 
 
-def _episodes(found: Diagnosis) -> Iterator[Episode]:
-    """The taken model, fitted to each log alone."""
-    taken = found.selection.taken
+def _episodes(found: Diagnosis, seconds: float) -> Iterator[Episode]:
+    """The taken model, fitted to each log alone, as many as take this time."""
+    taken, end = found.selection.taken, time.monotonic() + seconds
     problem, begin = taken.problem, taken.evidence.vector
     for log in problem.logs if problem.free else ():
+        if time.monotonic() > end:
+            return
         unseen, seen = (
             replace(problem, logs=(replace(log, held_out=np.full_like(log.held_out, is_unseen)),))
             for is_unseen in (True, False)

@@ -20,7 +20,7 @@ import pytest
 
 from servo_models import survey
 from servo_models.errors import UserError
-from servo_models.survey import store
+from servo_models.survey import job, store
 from servo_models.survey.store import Store, read_outcome
 from tests.conftest import Run
 from tests.support.sources import ROOT
@@ -82,6 +82,14 @@ def test_a_job_that_crashes_or_hangs_ends_alone(
     first, second = found.outcomes
     assert "logs[1].time: missing" in first.failure
     assert says in second.failure
+
+
+def test_a_time_limit_ends_the_fits_of_single_logs_as_well() -> None:
+    limited = job.Job("a", "gimbal", GIMBAL / "gimbal.toml", options={"time_limit": 1e-9})
+    kept = msgspec.json.decode(job.run(limited).kept)
+    assert kept["verdict"]
+    assert not kept["episodes"]
+    assert kept["warnings"][-1] == "no time was left to fit 1 log alone"
 
 
 def test_parameters_that_units_have_in_common_are_a_file_for_the_other_commands(
