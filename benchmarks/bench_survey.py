@@ -74,10 +74,9 @@ def _row(name: str, fleet: Path, out: Path, **options: object) -> float:
 if __name__ == "__main__":
     main()
 
-# Result: two cores with the work of five others on them, CPython 3.11.  The scheduler of Dask runs
-# in the first process.
+# Result: two cores, quiet, CPython 3.11.  The scheduler of Dask runs in the first process.
 #
-# processes 1     11.8 jobs a minute 0.943 at work, engine 0.01 s a job, 239 MB, a worker 206 MB
-# processes 2      9.9 jobs a minute 1.854 at work, engine 0.01 s a job, 240 MB, a worker 205 MB
-# Dask workers 2   5.7 jobs a minute 1.829 at work, engine 0.35 s a job, 242 MB, a worker 201 MB
-# a job alone: 1.5 s of processor; the engine adds 0.09 s, 1.8% of a job of 5 s
+# processes 1     26.8 jobs a minute 0.950 at work, engine 0.01 s a job, 278 MB, a worker 250 MB
+# processes 2     43.2 jobs a minute 1.755 at work, engine 0.01 s a job, 279 MB, a worker 247 MB
+# Dask workers 2  46.5 jobs a minute 1.765 at work, engine 0.07 s a job, 281 MB, a worker 245 MB
+# a job alone: 2.0 s of processor; the engine adds 0.10 s, 2.1% of a job of 5 s

@@ -67,15 +67,15 @@ def _megabytes() -> float:
 if __name__ == "__main__":
     main()
 
-# Result: two cores with other work on them, CPython 3.11.
+# Result: two cores, quiet, CPython 3.11.
 #
-# 10200 jobs; before: 690 MB
-# table              0.9 s
-# estimates          3.2 s
-# whose causes       3.3 s
-# variations         8.4 s
-# mixed models      14.4 s
-# page               8.0 s
-# document           0.2 s
-# terminal           0.9 s
-# in all            39.3 s of 60     843 MB of 1024; page 0.17 MB
+# 10200 jobs; before: 747 MB
+# table              0.3 s
+# estimates          1.4 s
+# whose causes       1.6 s
+# variations         2.2 s
+# mixed models       6.2 s
+# page               2.3 s
+# document           0.1 s
+# terminal           0.3 s
+# in all            14.3 s of 60     927 MB of 1024; page 0.17 MB
