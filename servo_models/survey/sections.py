@@ -40,7 +40,6 @@ DISPLAY = {"s": "ms", "rad": "deg", "m": "mm", "m/s": "mm/s"}
 """Units in which people read what is in SI."""
 MOST_UNITS = 200  # rows of the matrix,
 OPEN_UNITS = 20  # of which so many are not behind a click
-MOST_JOINTS = 12  # columns of the matrix, above which they become rows, if they are the more
 MOST_WORST = 10  # rows
 MOST_ITEMS = 20  # sentences or rows of a kind
 MOST_PICTURES = 4
@@ -53,6 +52,10 @@ WORST, WHOSE, LEFT_OUT = "The worst", "Whom causes belong to", "Failed, and note
 SPECIFIC = re.compile(r"'([^']*)'|0x[0-9a-f]+|\d+(?:\.\d+)?")
 """What differs between reports of one reason."""
 SHARES = ("unit share", "episode share", "rest")
+SPLIT = (
+    " Shares of the variance of single episodes: between units, between the episodes of one, and"
+    " what their standard errors explain."
+)
 
 
 @report_of.register(Survey)
@@ -126,7 +129,7 @@ def _matrix(survey: Survey) -> Section:
     units, joints = (
         [*dict.fromkeys(getattr(it, key) for it in survey.outcomes)] for key in ("unit", "joint")
     )
-    turned = len(joints) > max(MOST_JOINTS, len(units))
+    turned = len(joints) > len(units)  # a page is longer than wide
     columns = units if turned else joints
     rows = [*dict.fromkeys(it.joint if turned else it.unit for it in survey.worst)]
 
@@ -242,9 +245,10 @@ def _values(survey: Survey) -> Section:
         splits = survey.splits
     except UserError as error:
         missing = [str(error)]
+    headings = SHARES if any(splits.values()) else ()
     for it in chosen:
         parts = splits.get((it.joint, it.name))
-        shares = map(percent, parts.shares) if parts else ("", "", "")
+        shares = map(percent, parts.shares) if parts else [""] * len(headings)
         mean = it.common
         rows.append(
             (
@@ -254,14 +258,13 @@ def _values(survey: Survey) -> Section:
                 *(mean.count, *shares),
             )
         )
-    columns = ("joint", "parameter", "nominal", "mean", "between", "units", *SHARES)
+    columns = ("joint", "parameter", "nominal", "mean", "between", "units", *headings)
     every = len(survey.variations)
     most = f" The {len(chosen)} of {every} that vary most." if every > len(chosen) else ""
     return Section(
         "Parameters",
-        "Means of the units that do not stand out, with the standard deviation between units."
-        " Shares of the variance of single episodes: between units, between the episodes of one,"
-        f" and what their standard errors explain.{most}",
+        f"Means of the units that do not stand out, with the standard deviation between units."
+        f"{SPLIT * bool(headings)}{most}",
         (*missing, *map(_outliers, far[:MOST_ITEMS]), *_more(far, MOST_ITEMS)),
         tables=(Table("", columns, tuple(rows)),),
         pictures=tuple(_picture(survey, it) for it in chosen[:MOST_PICTURES]),
