@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from servo_models.diagnosis.verdict import NO_GAP, NOT_IDENTIFIABLE, PARAMETERS
+from servo_models.diagnosis.verdict import NO_GAP, NOT_IDENTIFIABLE, OUTSIDE, PARAMETERS
 from servo_models.errors import UserError
 from servo_models.report.curves import DASHED, draw_label
 from servo_models.report.document import Document
@@ -195,7 +195,12 @@ def _sizes(it: Belonging) -> str:
 
 def _whose(survey: Survey) -> Section:
     shared = [it for it in survey.belongings if it.owner != SINGLE]
-    singles = [it for it in survey.belongings if it.owner == SINGLE]
+    # what is nearest to an unknown cause is nobody's
+    singles = [
+        it
+        for it in survey.belongings
+        if it.owner == SINGLE and survey.by_place[it.places[0]].verdict != OUTSIDE
+    ]
     chosen = [*shared[:MOST_ITEMS], *singles[:MOST_ITEMS]]
     rows = (
         (
@@ -210,7 +215,7 @@ def _whose(survey: Survey) -> Section:
         "Most units have what belongs to the model; most of a batch or of a unit's joints, and few"
         " others, what belongs to these. Behind a size: its standard deviation between units,"
         " with the error of the mean; a range where sizes are not alike.",
-        (*map(words, chosen), *_more(survey.belongings, len(chosen))),
+        (*map(words, chosen), *_more([*shared, *singles], len(chosen))),
         tables=(Table("What logs leave open, alone and together", columns, tuple(rows), True),),
     )
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import servo_models as sm
+from servo_models.diagnosis.verdict import OUTSIDE
 from servo_models.survey.job import Outcome
 from servo_models.survey.result import BETTER, GONE, NEW, OTHER, WORSE, Survey, told_apart
 from servo_models.survey.sections import MOST_UNITS, SurveyDocument, grouped
@@ -219,3 +220,10 @@ def test_a_unit_that_stands_out_is_told() -> None:
     assert "inertia of elbow stands out on odd (3 kg.m2); the others have 1.05" in str(
         survey(*jobs, odd)
     )
+
+
+def test_an_effect_that_is_only_the_nearest_belongs_to_nobody() -> None:
+    known, unknown = outcome("1", "elbow", PLAY), outcome("1", "wrist", DELAY)
+    text = str(survey(known, msgspec.structs.replace(unknown, verdict=OUTSIDE)))
+    assert "backlash belongs to unit 1, elbow" in text
+    assert "transport_delay belongs" not in text
