@@ -328,7 +328,6 @@ def locked(path: Path) -> Iterator[bool]:
         os.close(handle)
 
 
-@functools.lru_cache(maxsize=1024)  # once a process: a survey writes ten thousand files into one
 def _sweep(folder: Path) -> None:
     """Remove what processes that are gone had begun to write in a folder."""
     for part in folder.glob(f"{_PREFIX}*{_SUFFIX}"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 import signal
 import sys
@@ -311,6 +312,7 @@ def simulate(parameters, times, inputs):
 
 def test_runs_of_a_function_go_on_together(tmp_path: Path) -> None:
     name = first_order(tmp_path, MEETING)
+    one_step(model(name))  # compiles
     models = [model(name, parameters={"number": number}) for number in (2.0, 3.0)]
     with Workers(2) as workers:
         angles = [it["angle"] for it in workers.map(one_step, models)]
@@ -322,7 +324,11 @@ def one_step(chosen: Model) -> Result:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no signal to a thread")
-def test_a_run_that_is_interrupted_gives_nothing_to_the_next(tmp_path: Path) -> None:
+def test_a_run_that_is_interrupted_gives_nothing_to_the_next(
+    tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a job may ignore it
+    request.addfinalizer(functools.partial(signal.signal, signal.SIGINT, before))
     slow = FIRST_ORDER.replace("    angle =", "    time.sleep(inputs['goal'][-1])\n    angle =")
     chosen = model(first_order(tmp_path, "import time\n" + slow))
     simulate(chosen, TIMES, {"goal": 0.0})  # compiles
