@@ -323,6 +323,7 @@ def test_a_scheduler_that_is_gone_is_told_and_what_was_done_stays(tmp_path: Path
 
 
 @pytest.mark.thorough
+@pytest.mark.long
 def test_a_scheduler_that_was_killed_is_told_in_one_sentence(tmp_path: Path) -> None:
     pytest.importorskip("distributed")
     about = tmp_path / "scheduler.json"
