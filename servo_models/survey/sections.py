@@ -268,7 +268,7 @@ def _values(survey: Survey) -> Section:
     most = f" The {len(chosen)} of {every} that vary most." if every > len(chosen) else ""
     return Section(
         "Parameters",
-        f"Means of the units that do not stand out, with the standard deviation between units."
+        "Means of the units that do not stand out, with the standard deviation between units."
         f"{SPLIT * bool(headings)}{most}",
         (*missing, *map(_outliers, far[:MOST_ITEMS]), *_more(far, MOST_ITEMS)),
         tables=(Table("", columns, tuple(rows)),),

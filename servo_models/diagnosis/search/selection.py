@@ -266,15 +266,16 @@ class SubsetSelection:
     def retune_again(self) -> bool:
         """Re-tune nominal parameters from where the best effect has put them; return whether that
         leaves less: alone they may have stopped short of it."""
-        for best in self.best(1)[:1]:
-            again = self.fitter.finish(self.fitter.fit((), (), best.values))
-            if again.loss < (1.0 - self.settings.entry_share) * self.retuned.loss:
-                self.retuned = self.models[frozenset()] = again
-                self.surveyed = survey(again.linearised, [], self.every)
-                self.results = moving(self.surveyed)
-                self.screener = Screener(self.every, self.results, self.screener)
-                return True
-        return False
+        if not (best := self.best(1)):
+            return False
+        again = self.fitter.finish(self.fitter.fit((), (), best[0].values))
+        if again.loss >= (1.0 - self.settings.entry_share) * self.retuned.loss:
+            return False
+        self.retuned = self.models[frozenset()] = again
+        self.surveyed = survey(again.linearised, [], self.every)
+        self.results = moving(self.surveyed)
+        self.screener = Screener(self.every, self.results, self.screener)
+        return True
 
     def fitter_of(self, model: FittedModel) -> Fitter:
         """The fitter that has the priors of a model."""
