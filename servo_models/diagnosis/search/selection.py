@@ -269,7 +269,7 @@ class SubsetSelection:
         if not (best := self.best(1)):
             return False
         again = self.fitter.finish(self.fitter.fit((), (), best[0].values))
-        if again.loss >= (1.0 - self.settings.entry_share) * self.retuned.loss:
+        if not again.loss < (1.0 - self.settings.entry_share) * self.retuned.loss:  # or NaN
             return False
         self.retuned = self.models[frozenset()] = again
         self.surveyed = survey(again.linearised, [], self.every)
