@@ -100,7 +100,7 @@ RULES = {
         [fitting.Fitter.with_unsure_inputs, resolution._with_unsure_inputs],
         called=True,
     ),
-    "re-tuned again": Rule([(Search, "retune_again", lambda _: False)], [Search.retune_again]),
+    "parameters put back": Rule([(fitting.Fitter, "put_back", same)], [fitting.Fitter.put_back]),
     "several bases": Rule(parts=[Search.bases], settings=Settings(bases=1)),
     "grids": Rule(
         [(Search, "search_grids", nothing)],

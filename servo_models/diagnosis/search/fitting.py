@@ -54,6 +54,7 @@ DELAY_MOVES_IN_PERIODS = (1 / 64, 1 / 32, 1 / 16, 1 / 8, 1 / 4, 1.0, 2.0)
 """Moves of a delay before a hold: one tick off passes for friction or inertia."""
 MOVED_COST_OVER_COST = 0.98  # cost after a move over before, below which it is taken
 MOST_MOVES = 8  # moves of delays in one fit
+FAR_IN_DEVIATIONS = 1.0  # believed deviations from which a fitted parameter is put back once
 INWARD = {"low": 1.0, "high": -1.0}  # sign of the way off a bound
 LEAST_ROW_SHARE = 0.7  # movement by commands between rows over the structured part it may explain
 
@@ -512,6 +513,20 @@ class Fitter:
     def fit_from(self, model: FittedModel) -> FittedModel:
         """Fit a model that another fitter made to the end, from its values."""
         return self.finish(self.fit(model.effects, model.own, model.values))
+
+    def put_back(self, model: FittedModel) -> FittedModel:
+        """Put each nominal parameter that a fit has driven far back once; the others follow.
+
+        A limit of acceleration may have taken the place of one of speed: no slope leads back.
+        """
+        best = model
+        for free in model.nominal:
+            if abs(free.moved(best.values[free.name])) > FAR_IN_DEVIATIONS:
+                back = {**best.values, free.name: free.nominal}
+                again = self.fit(model.effects, model.own, back)
+                if again.cost < MOVED_COST_OVER_COST * best.cost:
+                    best = self.finish(again)
+        return best
 
     def refit(self, model: FittedModel) -> FittedModel:
         """Fit once more from where a fit has ended."""

@@ -143,10 +143,10 @@ def select_effects(
         say("re-tuning nominal parameters")
         fitter = fitter.surveyed()
         retuned = taken = fitter.fit((), ())
-        retuned = taken = fitter.finish(retuned)
+        retuned = taken = fitter.put_back(fitter.finish(retuned))
         if any(log.unsure for log in fitter.logs):
             fitter = fitter.with_unsure_inputs(retuned)
-            retuned = taken = fitter.finish(fitter.fit((), (), retuned.values))
+            retuned = taken = fitter.put_back(fitter.fit_from(retuned))
         ahead.remove(RETUNING)
         say(f"screening {len(every)} effects")
         nominal = {free.name: free.nominal for free in fitter.nominal}
@@ -225,8 +225,6 @@ class SubsetSelection:
             return self.retuned
         smooth = [one for one in self.every if not one.grid]
         self.grow(1, smooth)
-        if self.retune_again():
-            self.grow(1, smooth)
         first = self.accepted()
         answer(first)
         return first if self.retuned.settled else self.further()
@@ -263,20 +261,6 @@ class SubsetSelection:
         self.begin(SINES)
         return self.with_harmonics(taken)
 
-    def retune_again(self) -> bool:
-        """Re-tune nominal parameters from where the best effect has put them; return whether that
-        leaves less: alone they may have stopped short of it."""
-        if not (best := self.best(1)):
-            return False
-        again = self.fitter.finish(self.fitter.fit((), (), best[0].values))
-        if not again.loss < (1.0 - self.settings.entry_share) * self.retuned.loss:  # or NaN
-            return False
-        self.retuned = self.models[frozenset()] = again
-        self.surveyed = survey(again.linearised, [], self.every)
-        self.results = moving(self.surveyed)
-        self.screener = Screener(self.every, self.results, self.screener)
-        return True
-
     def fitter_of(self, model: FittedModel) -> Fitter:
         """The fitter that has the priors of a model."""
         return replace(self.fitter, nominal=model.nominal) if model.widened else self.fitter
@@ -287,7 +271,7 @@ class SubsetSelection:
         if known and known.nominal == model.nominal:
             return known
         fitter = self.fitter_of(model)
-        return fitter.finish(fitter.fit((), (), model.values))
+        return fitter.put_back(fitter.finish(fitter.fit((), (), model.values)))
 
     def masked_by(self, retuned: FittedModel, least: float) -> list[MaskedEffect]:
         """Effects that move the outputs by ``least`` noise floors and that nominal parameters
