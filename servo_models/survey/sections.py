@@ -157,7 +157,8 @@ def _worst(survey: Survey) -> Table:
     rows = [
         (
             *(it.unit, it.joint, _mark(survey, it)),
-            ", ".join(
+            it.failure
+            or ", ".join(
                 " ".join([cause.effect, *(str(_size(size)) for size in cause.sizes[:1])])
                 for cause in it.taken
             ),
@@ -167,7 +168,15 @@ def _worst(survey: Survey) -> Table:
         for it in survey.worst[:MOST_WORST]
         if it.badness[0]
     ]
-    columns = ("unit", "joint", "verdict", "causes", "probability", "left", "held out")
+    columns = (
+        "unit",
+        "joint",
+        "verdict",
+        "causes or failure",
+        "probability",
+        "left",
+        "held out",
+    )
     return Table("", columns, tuple(rows))
 
 

@@ -143,6 +143,11 @@ def test_what_changed(before: Outcome | None, now: Outcome | None, kind: str, wh
     assert [(it.kind, it.why) for it in found.differences] == ([(kind, why)] if kind else [])
 
 
+def test_the_worst_tell_why_they_failed() -> None:
+    (row,) = survey(outcome("1", "elbow", failure="no log")).tables()["The worst"].rows()
+    assert row[:4] == ("1", "elbow", "failed", "no log")
+
+
 def test_an_equal_survey_says_that_nothing_changed() -> None:
     jobs = tuple(fleet(2, 2))
     assert "nothing changed" in str(survey(*jobs, earlier=jobs))
