@@ -167,7 +167,8 @@ def run(job: Job) -> Done:
         description = read_description(job.description, job.trust)
         warnings = check(description).warnings
         found = replace(diagnose(description, jobs=1, **job.options), written=())
-        shown = page(page_of(found)).encode() if job.report else b""
+        titled = replace(found, name=f"{job.unit}, {job.joint}")
+        shown = page(page_of(titled)).encode() if job.report else b""
     except (UserError, MemoryError) as error:
         why = str(error) or "it needs more memory"
         return failed(job, why, time.perf_counter() - begin)

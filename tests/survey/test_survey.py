@@ -86,10 +86,12 @@ def test_a_job_that_crashes_or_hangs_ends_alone(
 
 def test_a_time_limit_ends_the_fits_of_single_logs_as_well() -> None:
     limited = job.Job("a", "gimbal", GIMBAL / "gimbal.toml", options={"time_limit": 1e-9})
-    kept = msgspec.json.decode(job.run(limited).kept)
+    done = job.run(limited)
+    kept = msgspec.json.decode(done.kept)
     assert kept["verdict"]
     assert not kept["episodes"]
     assert kept["warnings"][-1] == "no time was left to fit 1 log alone"
+    assert b"<title>a, gimbal: " in done.page  # which no other unit has
 
 
 def test_parameters_that_units_have_in_common_are_a_file_for_the_other_commands(
