@@ -153,7 +153,10 @@ Described = Annotated[
 ]
 MadeBy = Annotated[
     str | None,
-    typer.Option(help="What made a log, see 'list'.", autocompletion=complete_actuator),
+    typer.Option(
+        help="What made a log, see 'list': smart_servo, or with a variant smart_servo:sts3215.",
+        autocompletion=complete_actuator,
+    ),
 ]
 Params = Annotated[
     Path | None, file_option("Parameter file, .toml, in place of a name and variant.")

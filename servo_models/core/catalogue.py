@@ -6,6 +6,7 @@ import functools
 import importlib
 import pkgutil
 from collections.abc import Mapping
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 from types import ModuleType
@@ -126,6 +127,20 @@ def actuator(name: str, named_in: Path | None = None, trust: bool = False) -> Ac
     if is_file(name):
         return _own(Path(name), named_in, trust)
     return of_catalogue(name)
+
+
+def of_one_variant(name: str) -> Actuator:
+    """Return an actuator, with that variant alone which a name of the catalogue has behind a colon.
+
+    Example:
+        >>> [variant.name for variant in of_one_variant("smart_servo:sts3215").variants]
+        ['sts3215']
+    """
+    known, _, variant = name.partition(":")
+    if not variant or known not in all_actuators():  # ``sim.py:simulate`` is a simulation
+        return actuator(name)
+    found = all_actuators()[known]
+    return replace(found, variants=(found.variant(variant),))
 
 
 def of_catalogue(name: str) -> Actuator:

@@ -12,8 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from servo_models.core.catalogue import actuator as find_actuator
-from servo_models.core.catalogue import actuators
+from servo_models.core.catalogue import actuators, of_one_variant
 from servo_models.core.own_actuator import key_from
 from servo_models.core.plant import Actuator, Plant, Variant, Wire
 from servo_models.core.simulate import model, simulate
@@ -107,9 +106,9 @@ def draft(path: Path, actuator: str | None = None) -> Draft:
 
     Args:
         path: the file, of any format that can be read.
-        actuator: name of what made it; None chooses the one whose command and motion the columns
-            tell most clearly; of several, a general one only where no other fits, and then the one
-            that they fit best.
+        actuator: what made it, as of ``of_one_variant``; None chooses the one whose command and
+            motion the columns tell most clearly; of several, a general one only where no other
+            fits, and then the one that they fit best.
 
     Raises:
         UserError: a file that cannot be read or has no numbers, an unknown actuator, or
@@ -117,7 +116,7 @@ def draft(path: Path, actuator: str | None = None) -> Draft:
     """
     columns, left_out = _columns_of(path)
     if actuator:
-        drafts = [_draft(path, columns, find_actuator(actuator), given=True)]
+        drafts = [_draft(path, columns, of_one_variant(actuator), given=True)]
     else:
         drafts = _rivals(path, columns)
     best = max(drafts, key=_score)
@@ -242,7 +241,9 @@ def _lines(made: Draft, folder: Path) -> Iterator[str]:
     doubt = "" if made.given else f"  {CHECK}; there are also {named}"
     yield f"actuator = {_quoted(key_from(made.actuator, folder))}{doubt}"
     variant = f"variant = {_quoted(made.variant.name)}"
-    if made.variant.command:
+    if len(made.actuator.variants) == 1:
+        yield variant
+    elif made.variant.command:
         yield f"{variant}  {CHECK}: the one whose command is {made.main}"
     elif made.variant is not made.actuator.variants[0]:
         yield f"{variant}  {CHECK}: the file names it"

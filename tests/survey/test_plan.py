@@ -61,6 +61,17 @@ def test_a_description_that_was_corrected_by_hand_is_kept(tmp_path: Path) -> Non
     assert key_of(again, {}) != ""
 
 
+def test_a_variant_is_told_with_its_actuator(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(CSV.replace("voltage [V]", "goal [deg]"))
+    lerobot.data_set(tmp_path / "robot", lerobot.episodes(120))
+    jobs = plan(tmp_path, tmp_path / "out", "smart_servo:sts3215").jobs
+    texts = [job.description.read_text("utf-8").splitlines() for job in jobs]
+    assert len(texts) == 3
+    assert all('variant = "sts3215"' in lines for lines in texts)
+    (job,) = plan(tmp_path / "a.csv", tmp_path / "none", "smart_servo:sts3216").jobs
+    assert "unknown variant 'sts3216' in actuator 'smart_servo'; did you mean" in job.failure
+
+
 def test_two_logs_of_one_name_are_two_joints(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text(CSV)
     (tmp_path / "a.txt").write_text(CSV)

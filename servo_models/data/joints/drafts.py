@@ -8,8 +8,7 @@ import unicodedata
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from servo_models.core.catalogue import actuator as find_actuator
-from servo_models.core.catalogue import actuators
+from servo_models.core.catalogue import actuators, of_one_variant
 from servo_models.core.own_actuator import key_from
 from servo_models.core.plant import Actuator, Variant, Wire
 from servo_models.data.description import read_description
@@ -57,7 +56,7 @@ def write_joints(
     Args:
         found: the recording.
         folder: folder to write into; None for that of the recording, with its name in front.
-        actuator: name of what all joints are, None for a general one.
+        actuator: what all joints are, as of ``of_one_variant``; None for a general one.
         keep: descriptions that are there stay as they are.
 
     Raises:
@@ -121,7 +120,7 @@ def _free(folder: Path, stem: str, taken: Iterable[Path]) -> Path:
 def _chosen(name: str | None) -> tuple[Actuator, Variant]:
     """An actuator, by default a general one, and its first variant that takes an angle as goal."""
     takers = [it for it in actuators().values() if _with_a_goal(it)]
-    chosen = find_actuator(name) if name else next(it for it in takers if it.general)
+    chosen = of_one_variant(name) if name else next(it for it in takers if it.general)
     variants = _with_a_goal(chosen)
     if not variants:
         names = " or ".join(it.name for it in takers)
