@@ -34,6 +34,7 @@ from servo_models.report.result import page_of
 FAILED = "failed"
 VERSION = 1  # of what is kept: it counts up when a reader of the one before would go wrong
 EPISODE_COST_TOLERANCE = 1e-4  # of the fit to an episode, which begins at that to all of them
+LIMITS = 2.0  # time limits from the begin of a job, after which no single log is fitted
 EPISODE_STEPS = 20  # least-squares steps of such a fit
 
 
@@ -175,7 +176,8 @@ def run(job: Job) -> Done:
     parameters = found.model.plant.parameters
     nominal = [value for value in found.found if not parameters[value.name].owner]
     weights = weights_by_effects(found.selection, found.verdict)
-    episodes = [*_episodes(found, job.options.get("time_limit") or math.inf)]
+    limit = job.options.get("time_limit") or math.inf
+    episodes = [*_episodes(found, begin + LIMITS * limit)]
     problem = found.selection.taken.problem
     if problem.free and (left := len(problem.logs) - len(episodes)):
         warnings = (*warnings, f"no time was left to fit {plural(left, 'log')} alone")
@@ -236,12 +238,12 @@ def _estimates(found: Diagnosis, values: Iterable[Value]) -> list[Estimate]:
     ]
 
 
-def _episodes(found: Diagnosis, seconds: float) -> Iterator[Episode]:
-    """The taken model, fitted to each log alone, as many as take this time."""
-    taken, end = found.selection.taken, time.monotonic() + seconds
+def _episodes(found: Diagnosis, end: float) -> Iterator[Episode]:
+    """The taken model, fitted to each log alone, as many as begin before this moment."""
+    taken = found.selection.taken
     problem, begin = taken.problem, taken.evidence.vector
     for log in problem.logs if problem.free else ():
-        if time.monotonic() > end:
+        if time.perf_counter() > end:
             return
         unseen, seen = (
             replace(problem, logs=(replace(log, held_out=np.full_like(log.held_out, is_unseen)),))

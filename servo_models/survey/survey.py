@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections import Counter
 from collections.abc import Callable, Generator, Iterator
@@ -17,7 +18,7 @@ from servo_models.data.parameters import write_parameters
 from servo_models.errors import UserError
 from servo_models.files import write_with
 from servo_models.report.numbers import plural
-from servo_models.survey.engine import Worker, here, on_cluster, processes, runner
+from servo_models.survey.engine import GRACE_FACTOR, Worker, here, on_cluster, processes, runner
 from servo_models.survey.job import Done, Job, Outcome, failed
 from servo_models.survey.plan import DESCRIPTIONS, Tell, counted, plan
 from servo_models.survey.result import Survey, told_apart
@@ -26,6 +27,8 @@ from servo_models.survey.store import Store, key_of, read_outcomes
 __all__ = ["Survey", "survey"]
 
 COMMON = "common"  # folder of a survey with parameter files
+SHORT_SECONDS = 60.0  # time limit whose effect is told where there is none
+UNKNOWN = f"seconds to tens of minutes each; with --time-limit {SHORT_SECONDS:.0f}s "
 POLL_SECONDS = 0.5  # between looks at what another process has in hand
 
 
@@ -146,7 +149,10 @@ class _Work:
         elif seconds:
             left = f", about {duration(fmean(seconds) * (every - before) / processes)} {where}"
         else:
-            left = f" {where}; the first that is done will tell how long it takes"
+            limit = next(iter(self.jobs.values())).options["time_limit"]
+            rounds = math.ceil((every - before) / processes)
+            most = rounds * GRACE_FACTOR * (limit or SHORT_SECONDS)
+            left = f" {where}, {'' if limit else UNKNOWN}at most about {duration(most)}"
         joints = f"{plural(every, 'joint')} of {plural(units, 'unit')}"
         self.tell(0, None, f"{joints}: {before} done{failures}, {every - before} to do{left}")
         try:

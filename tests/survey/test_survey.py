@@ -123,7 +123,7 @@ def test_what_is_done_is_not_done_again(tmp_path: Path) -> None:
     (fleet / "unit_1" / "joint.toml").write_text(f"{BROKEN}\n# corrected")
     said: list[str] = []
     survey(fleet, out, jobs=1, tell=lambda done, every, text: said.append(text))
-    assert "2 done (2 failed), 1 to do on 1 processor; the first" in said[1]
+    assert "2 done (2 failed), 1 to do on 1 processor, seconds to tens of minutes each" in said[1]
     assert len(kept(out)) == 4
     assert all(file.stat().st_mtime_ns == stamp for file, stamp in stamps.items())
 
@@ -138,6 +138,17 @@ def test_a_condition_that_is_told_later_does_nothing_anew(tmp_path: Path) -> Non
     found = survey(table, out, jobs=1)
     assert kept(out) == before
     assert found.table()["firmware"].to_list() == ["2.0", "2.1"]
+
+
+@pytest.mark.parametrize(("limit", "words"), [(30.0, ""), (None, "; with --time-limit 60s")])
+def test_how_long_it_takes_at_most_is_told_before_work(
+    tmp_path: Path, limit: float | None, words: str
+) -> None:
+    said: list[str] = []
+    fleet, out = broken(tmp_path / "fleet", 5), tmp_path / "out"
+    survey(fleet, out, jobs=2, time_limit=limit, tell=lambda done, every, text: said.append(text))
+    most = "at most about 9 min" if limit is None else ", at most about 4.5 min"
+    assert said[1].endswith(f"{words} {most}".strip())  # three in turn, each three times the limit
 
 
 def test_how_long_it_takes_is_told_by_what_was_done(tmp_path: Path) -> None:
