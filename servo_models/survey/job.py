@@ -127,6 +127,7 @@ class Outcome(Document, frozen=True, kw_only=True):
     warnings: Sequence[str] = ()
     verdict: str = ""
     sentence: str = ""
+    stopped: Annotated[str, about("Why its search ended early.")] = ""
     gap_before: Figure = None
     gap_before_interval: Annotated[tuple[float, float] | None, about("Of 95 %.")] = None
     gap_after: Figure = None
@@ -188,6 +189,7 @@ def run(job: Job) -> Done:
         warnings=warnings,
         verdict=found.verdict.kind,
         sentence=sentence(found),
+        stopped=found.stopped,
         gap_before=found.gap.rms["before"],
         gap_before_interval=found.gap.intervals["before"],
         gap_after=found.gap.rms["after"],

@@ -51,6 +51,10 @@ ROW = 0.42  # height of a unit in a picture [inch]
 WORST, WHOSE, LEFT_OUT = "The worst", "Whom causes belong to", "Failed, and notes"
 SPECIFIC = re.compile(r"'([^']*)'|0x[0-9a-f]+|\d+(?:\.\d+)?")
 """What differs between reports of one reason."""
+STOPPED = " Stopped: its search ended early, and a longer one may say something else."
+LEFT = (
+    "Left and held out: errors of the diagnosed model [noise floors], on logs that no fit has seen."
+)
 SHARES = ("unit share", "episode share", "rest")
 SPLIT = (
     " Shares of the variance of single episodes: between units, between the episodes of one, and"
@@ -67,7 +71,7 @@ def report(survey: Survey, date: str = "") -> Report:
         cards=tuple(_cards(survey)),
         sections=(
             _matrix(survey),
-            Section(WORST, tables=(_worst(survey),)),
+            Section(WORST, LEFT, tables=(_worst(survey),)),
             _whose(survey),
             _changes(survey),
             _values(survey),
@@ -85,6 +89,8 @@ def _sentence(survey: Survey) -> str:
     parts = [f"{others} of {len(survey.outcomes)} lack something" if others else ""]
     parts += [f"{counts[kind]} {words}" for kind, words in told.items() if counts[kind]]
     size = f"{plural(units, 'unit')} with {plural(joints, 'joint')}"
+    stopped = sum(bool(outcome.stopped) for outcome in survey.outcomes)
+    parts += [f"{stopped} stopped early"] if stopped else []
     return f"{size}: {', '.join(filter(None, parts))}"
 
 
@@ -118,7 +124,7 @@ def _mark(survey: Survey, outcome: Outcome) -> Mark:
     neither = outcome.verdict in (PARAMETERS, NOT_IDENTIFIABLE)
     gap = "" if outcome.failure else f" {number(outcome.gap_before, 2)}"
     return Mark(
-        f"{outcome.said}{gap}",
+        f"{outcome.said}{gap}{', stopped' * bool(outcome.stopped)}",
         None if neither else outcome.verdict == NO_GAP,
         page if (survey.folder / page).exists() else "",
     )
@@ -145,7 +151,8 @@ def _matrix(survey: Survey) -> Section:
     others = shown[OPEN_UNITS:]
     return Section(
         "Verdicts",
-        f"Each with the gap of its model [noise floors]. The worst {cut}.",
+        "Each with the gap of its model [noise floors]."
+        f"{STOPPED * any(it.stopped for it in survey.outcomes)} The worst {cut}.",
         tables=(
             Table("", headings, shown[:OPEN_UNITS]),
             Table(f"The next {len(others)}", headings, others, folded=True),
@@ -172,7 +179,7 @@ def _worst(survey: Survey) -> Table:
         "unit",
         "joint",
         "verdict",
-        "causes or failure",
+        "why",
         "probability",
         "left",
         "held out",
@@ -350,7 +357,10 @@ def _left_out(survey: Survey) -> Iterator[Table]:
     notes = [(note, found[1] if found else "") for note, found in quoted]
     for title, reasons in (("Failed", failed), ("Notes", notes)):
         every = grouped(reasons)
-        rows = [(why, len(it), "; ".join(it[:MOST_NAMES])) for why, it in every[:MOST_ITEMS]]
+        rows = [
+            (why, len(it), "; ".join(name for name in it[:MOST_NAMES] if name not in why))
+            for why, it in every[:MOST_ITEMS]
+        ]
         more = [(text, None, "") for text in _more(every, MOST_ITEMS)]
         yield Table(title, ("why", "times", "such as"), (*rows, *more))
 

@@ -148,6 +148,16 @@ def test_the_worst_tell_why_they_failed() -> None:
     assert row[:4] == ("1", "elbow", "failed", "no log")
 
 
+def test_a_search_that_was_stopped_is_told_beside_its_verdict() -> None:
+    first, other = outcome("1", "elbow", PLAY), outcome("1", "wrist", PLAY, gap=20.0)
+    found = survey(first, msgspec.structs.replace(other, stopped="after 60 s"))
+    text = str(found)
+    assert "2 of 2 lack something, 1 stopped early" in text
+    assert text.count("effect 20, stopped") == 2  # in the matrix and among the worst
+    assert "effect 10, stopped" not in text
+    assert "a longer one may say something else" in found.report().sections[0].lead
+
+
 def test_an_equal_survey_says_that_nothing_changed() -> None:
     jobs = tuple(fleet(2, 2))
     assert "nothing changed" in str(survey(*jobs, earlier=jobs))
