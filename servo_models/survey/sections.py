@@ -52,9 +52,7 @@ WORST, WHOSE, LEFT_OUT = "The worst", "Whom causes belong to", "Failed, and note
 SPECIFIC = re.compile(r"'([^']*)'|0x[0-9a-f]+|\d+(?:\.\d+)?")
 """What differs between reports of one reason."""
 STOPPED = " Stopped: its search ended early, and a longer one may say something else."
-LEFT = (
-    "Left and held out: errors of the diagnosed model [noise floors], on logs that no fit has seen."
-)
+LEFT = "Left: errors of the diagnosed model [noise floors]. Held out: on logs that no fit has seen."
 SHARES = ("unit share", "episode share", "rest")
 SPLIT = (
     " Shares of the variance of single episodes: between units, between the episodes of one, and"
@@ -97,9 +95,9 @@ def _sentence(survey: Survey) -> str:
 def _cards(survey: Survey) -> Iterator[Card]:
     worst = survey.worst[0]
     if worst.badness[0] > 1:
-        said = ", ".join(cause.effect for cause in worst.taken) or worst.said
+        said = _causes(worst) or worst.said
         gap = f"{number(worst.gap_before, 3)} noise floors"
-        yield Card("worst", f"{worst.unit}, {worst.joint}: {said}, {gap}", section=WORST)
+        yield Card("worst", f"{worst.unit}, {worst.joint}: {said}; {gap}", section=WORST)
     shared = [it for it in survey.belongings if it.owner != SINGLE]
     if shared:
         lines = [*map(words, shared[:MOST_NAMES]), *_more(shared, MOST_NAMES)]
@@ -164,11 +162,7 @@ def _worst(survey: Survey) -> Table:
     rows = [
         (
             *(it.unit, it.joint, _mark(survey, it)),
-            it.failure
-            or ", ".join(
-                " ".join([cause.effect, *(str(_size(size)) for size in cause.sizes[:1])])
-                for cause in it.taken
-            ),
+            it.failure or _causes(it),
             percent(it.taken[0].probability) if it.taken else "",
             *(it.gap_after, it.held_out),
         )
@@ -185,6 +179,12 @@ def _worst(survey: Survey) -> Table:
         "held out",
     )
     return Table("", columns, tuple(rows))
+
+
+def _causes(it: Outcome) -> str:
+    """Its effects with their sizes; what is nearest to an unknown cause is told as that."""
+    every = (" ".join([one.effect, *map(str, map(_size, one.sizes[:1]))]) for one in it.taken)
+    return "nearest: " * (it.verdict == OUTSIDE and bool(it.taken)) + ", ".join(every)
 
 
 def words(it: Belonging) -> str:

@@ -242,3 +242,4 @@ def test_an_effect_that_is_only_the_nearest_belongs_to_nobody() -> None:
     text = str(survey(known, msgspec.structs.replace(unknown, verdict=OUTSIDE)))
     assert "backlash belongs to unit 1, elbow" in text
     assert "transport_delay belongs" not in text
+    assert "nearest: transport_delay 30.0 +- 1.0 ms" in text
