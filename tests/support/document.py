@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[2]
 COMMAND = re.compile(r"^```\n\$ servo-models (.*)\n((?:.*\n)*?)```", re.MULTILINE)
 
 
-PROGRESS = re.compile(rf"{FIRST_ANSWER}|\d+ (?:of \d|joints)")
+PROGRESS = re.compile(rf"{FIRST_ANSWER}|looking for joints|\d+ (?:of \d|joints|descriptions)")
 STEP = re.compile(r"((?:^(?!```).*\n)*)^```(\w*)\n((?:.*\n)*?)```", re.MULTILINE)
 NOT_WELL = ("explain", "comes nearest", "on its low bound", "Warning:", "lack something")
 """Of what commands tell with exit code 1."""
@@ -44,7 +44,7 @@ def follow(text: str, run: Callable[..., tuple[int, str, str]], doubted: str = "
 
 
 def complaints(err: str) -> list[str]:
-    """Lines on standard error, without the first answer of a diagnosis and counts of a survey."""
+    """Lines on standard error, without the first answer of a diagnosis and what a survey does."""
     return [line for line in err.splitlines() if not PROGRESS.match(line)]
 
 
