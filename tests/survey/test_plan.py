@@ -67,7 +67,8 @@ def test_a_variant_is_told_with_its_actuator(tmp_path: Path) -> None:
     jobs = plan(tmp_path, tmp_path / "out", "smart_servo:sts3215").jobs
     texts = [job.description.read_text("utf-8").splitlines() for job in jobs]
     assert len(texts) == 3
-    assert all('variant = "sts3215"' in lines for lines in texts)
+    told = ['actuator = "smart_servo"', 'variant = "sts3215"']  # neither with a doubt
+    assert all(lines[1:3] == told for lines in texts)
     (job,) = plan(tmp_path / "a.csv", tmp_path / "none", "smart_servo:sts3216").jobs
     assert "unknown variant 'sts3216' in actuator 'smart_servo'; did you mean" in job.failure
 

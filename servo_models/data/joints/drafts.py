@@ -78,7 +78,9 @@ def write_joints(
     for file, joint in files.items():
         if file in kept:
             continue
-        write_whole(file, _text(recorded, joint, chosen, variant, file.parent).encode())
+        write_whole(
+            file, _text(recorded, joint, chosen, variant, bool(actuator), file.parent).encode()
+        )
         try:
             description = read_description(file, trust)
         except UserError as error:
@@ -144,9 +146,9 @@ def _doubt(others: Iterable[str]) -> str:
 
 
 def _text(
-    recorded: Recording, joint: Joint, chosen: Actuator, variant: Variant, folder: Path
+    recorded: Recording, joint: Joint, chosen: Actuator, variant: Variant, given: bool, folder: Path
 ) -> str:
-    """A description of a joint, to stand in ``folder``."""
+    """A description of a joint, to stand in ``folder``; its actuator is ``given`` or guessed."""
     plant = chosen.plant_of(variant.name)
     output = "angle_reading" if "angle_reading" in plant.outputs else plant.outputs[0]
     goal = variant.command or chosen.step[0]
@@ -156,7 +158,7 @@ def _text(
     guessed = f"  {CHECK}: {joint.guessed}"
     lines = [
         f"# Joint {_told(joint.name)}. Lines marked 'guessed' are to be checked.",
-        f"actuator = {quoted(key_from(chosen, folder))}{_doubt(takers)}",
+        f"actuator = {quoted(key_from(chosen, folder))}{'' if given else _doubt(takers)}",
         f"variant = {quoted(variant.name)}{_doubt(others)}",
         "",
         "[[logs]]",
