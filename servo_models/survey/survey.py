@@ -84,10 +84,8 @@ def survey(
     planned = plan(root, folder, actuator, trust, tell)
     drafts = folder.resolve() / DESCRIPTIONS
     if guessed := sum(drafts in one.description.parents for one in planned.jobs):
-        whose = plural(guessed, "description")
-        tell(
-            0, None, f"{whose} of ours in '{folder / DESCRIPTIONS}': look at what is guessed there"
-        )
+        ours = f"{plural(guessed, 'description')} of ours in '{folder / DESCRIPTIONS}'"
+        tell(0, None, f"{ours}: look at what is guessed there")
     options = {"seed": seed, "quick": quick, "time_limit": time_limit}
     work = _Work(store, tell)
     for job in counted(planned.jobs, tell, "joints whose data were read"):
