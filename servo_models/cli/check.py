@@ -34,8 +34,9 @@ def check(
 
     Exit code 0: usable, 1: usable with the warnings printed, 2: could not run.
     With --init also 1 where the description has to be completed, or a column
-    of measurements or a joint cannot be used.  A LeRobot data set or a
-    ROS 2 bag with joints gives a description for each joint.
+    of measurements or a joint cannot be used.  A LeRobot data set, a
+    ROS 2 bag with joints or a log with a table for each of several servos
+    gives a description for each.
 
     Examples:
 
@@ -74,21 +75,28 @@ def check(
 
 def _init(file: Path, out: Path | None, actuator: str | None, trust: bool) -> int:
     from servo_models.data.description import read_description
-    from servo_models.data.scaffold import draft, write_draft
+    from servo_models.data.joints.drafts import files_of
+    from servo_models.data.scaffold import drafts, write_draft
 
     path = out or file.with_suffix(".toml")
     if path.is_dir():
         path /= f"{file.stem}.toml"
-    made = draft(file, actuator)
-    write_draft(made, path)
-    print(f"wrote '{path}': look at the lines marked 'guessed', then 'servo-models check {path}'")
-    for text in made.not_used:
+    made = files_of(drafts(file, actuator), path)
+    for path, one in made.items():
+        write_draft(one, path)
+        print(
+            f"wrote '{path}': look at the lines marked 'guessed', then 'servo-models check {path}'"
+        )
+    for text in dict.fromkeys(text for one in made.values() for text in one.not_used):
         print(text)
-    for text in made.warnings:
+    warnings = dict.fromkeys(text for one in made.values() for text in one.warnings)
+    for text in warnings:
         print(f"Warning: {text}")
-    try:
-        read_description(path, trust)
-    except UserError as error:
-        print(f"It has to be completed first: {error}")
-        return 1
-    return 1 if made.warnings else 0
+    code = 1 if warnings else 0
+    for path in made:
+        try:
+            read_description(path, trust)
+        except UserError as error:
+            print(f"It has to be completed first: {error}")
+            code = 1
+    return code

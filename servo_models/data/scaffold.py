@@ -114,16 +114,44 @@ def draft(path: Path, actuator: str | None = None) -> Draft:
         UserError: a file that cannot be read or has no numbers, an unknown actuator, or
             columns that fit several equally well.
     """
+    return drafts(path, actuator)[0]
+
+
+def drafts(path: Path, actuator: str | None = None) -> list[Draft]:
+    """Return ``draft``, one for each table where several alike have command and reading each.
+
+    Raises:
+        UserError: see ``draft``.
+    """
     columns, left_out = _columns_of(path)
     if actuator:
-        drafts = [_draft(path, columns, of_one_variant(actuator), given=True)]
+        made = [_draft(path, columns, of_one_variant(actuator), given=True)]
     else:
-        drafts = _rivals(path, columns)
-    best = max(drafts, key=_score)
-    if [_score(made) for made in drafts].count(_score(best)) > 1:
+        made = _rivals(path, columns)
+    best = max(made, key=_score)
+    if [_score(one) for one in made].count(_score(best)) > 1:
         names = ", ".join(actuators())
         raise UserError(f"'{path}' does not tell what made it: give --actuator, one of {names}")
-    return replace(best, left_out=tuple(left_out))
+    best = replace(best, left_out=tuple(left_out))
+    if not _is_whole(best):
+        return [best]
+    alike = _alike(columns, best.table)
+    every = [_filled(best, columns, it, [other for other in alike if other != it]) for it in alike]
+    return [one for one in every if _is_whole(one)]
+
+
+def _is_whole(made: Draft) -> bool:
+    """Whether a table has both what moves the actuator and what it does."""
+    own = {match.wire.name for match in made.matches if match.column.table == made.table}
+    return made.main in own and bool(own.intersection(made.plant.outputs))
+
+
+def _alike(columns: Sequence[Column], table: str | None) -> list[str | None]:
+    """The tables with the headings of one, such as the messages of each servo on a bus."""
+    headings: dict[str | None, list[str | int]] = {}
+    for column in columns:
+        headings.setdefault(column.table, []).append(column.key)
+    return [it for it, keys in headings.items() if keys == headings[table]]
 
 
 def _rivals(path: Path, columns: Sequence[Column]) -> list[Draft]:
@@ -202,12 +230,21 @@ def _motors_in(path: Path) -> set[str]:
     return {it for it in words if re.search("[a-z]", it) and re.search("[0-9]", it)}
 
 
-def _filled(blank: Draft, columns: Sequence[Column], table: str | None) -> Draft:
-    """A draft with a signal for each column that fits one, and the time of that table."""
+def _filled(
+    blank: Draft,
+    columns: Sequence[Column],
+    table: str | None,
+    others: Sequence[str | None] = (),
+) -> Draft:
+    """A draft with a signal for each column that fits one, and the time of that table.
+
+    Columns of ``others`` are those of something else.
+    """
     time = _time_of([column for column in columns if column.table == table])
     times = {_time_of([c for c in columns if c.table == column.table]) for column in columns}
     stamps = [stamp[0] for stamp in times if stamp]
-    numbers = [c for c in columns if not (c.dates or c.counts or c in stamps)]
+    fit = [column for column in columns if column.table not in others]
+    numbers = [c for c in fit if not (c.dates or c.counts or c in stamps)]
     matches = tuple(
         match
         for match in _matches([c for c in numbers if c.moves], blank)

@@ -18,11 +18,11 @@ from typing import TypeVar
 
 from servo_models.data.description import read_description, tells_of_logs
 from servo_models.data.joints.data_sets import HELD_OUT_PERIOD
-from servo_models.data.joints.drafts import as_file, recording, write_joints
+from servo_models.data.joints.drafts import as_file, files_of, recording, write_joints
 from servo_models.data.joints.recording import Recording
 from servo_models.data.readers import is_bag, suffixes
 from servo_models.data.readers.lerobot import is_data_set
-from servo_models.data.scaffold import Draft, draft
+from servo_models.data.scaffold import Draft, drafts
 from servo_models.data.schema import named_files, quoted
 from servo_models.errors import UserError
 from servo_models.files import read_regular, scratch, write_whole
@@ -156,16 +156,24 @@ class Plan:
             joint = logs[0].name
             path = path.with_name(f"{as_file(joint)}.toml")
         self.drafted.add(path)
-        if not path.exists():
-            made = draft(logs[0], self.actuator)
-            text = made.text(path.parent)
-            if len(logs) > 1:
-                usable = [log for log in logs if self.reads(made, log, f"{unit} {joint}")]
-                # if none can be read, the diagnosis says what has to be completed
-                text = _with_runs(text, usable or logs, path.parent)
-            write_whole(path, text.encode())
-            self.notes |= {f"{unit} {joint}: {text}": None for text in made.warnings}
-        self.jobs.append(Job(unit, joint, path, conditions))
+        if path.exists():
+            self.jobs.append(Job(unit, joint, path, conditions))
+            return
+        for file, made in files_of(drafts(logs[0], self.actuator), path).items():
+            name = joint if file == path else file.stem
+            if not file.exists():
+                self.write(made, file, logs, f"{unit} {name}")
+            self.jobs.append(Job(unit, name, file, conditions))
+
+    def write(self, made: Draft, path: Path, logs: Sequence[Path], name: str) -> None:
+        """Write a first description of logs."""
+        text = made.text(path.parent)
+        if len(logs) > 1:
+            usable = [log for log in logs if self.reads(made, log, name)]
+            # if none can be read, the diagnosis says what has to be completed
+            text = _with_runs(text, usable or logs, path.parent)
+        write_whole(path, text.encode())
+        self.notes |= {f"{name}: {text}": None for text in made.warnings}
 
     def reads(self, made: Draft, log: Path, name: str) -> bool:
         """Whether a log can be read by a draft; if not, a note says why it is left out."""

@@ -10,6 +10,7 @@ import pytest
 from servo_models.data.description import read_description
 from servo_models.data.readers import read_columns
 from servo_models.errors import UserError
+from servo_models.survey.plan import plan
 from tests.conftest import Run
 from tests.support.dataflash import HEAD, flight_log
 
@@ -42,14 +43,26 @@ def test_messages_and_their_instances_are_tables(tmp_path: Path) -> None:
         read_columns(path, "CSRV")
 
 
-def test_commanded_and_measured_positions_are_drafted(run: Run, tmp_path: Path) -> None:
+def test_each_servo_with_command_and_reading_has_a_description(run: Run, tmp_path: Path) -> None:
     path = log(tmp_path / "flight.bin")
-    code, _, err = run("check", path, "--init", "--actuator", "smart_servo")
-    assert (code, err) == (0, "")
-    (read,) = read_description(path.with_suffix(".toml")).logs
-    assert read.times == pytest.approx(TIMES, abs=1e-9)
-    assert read.channels["goal"].column == "PosCmd"
-    assert read.channels["angle"].column == "Pos"
+    code, out, err = run("check", path, "--init", "--actuator", "smart_servo")
+    assert (code, err, out.count("wrote")) == (0, "", 2)
+    for servo in (1, 2):
+        (read,) = read_description(tmp_path / f"flight_CSRV_{servo}.toml").logs
+        assert read.times == pytest.approx(TIMES, abs=1e-9)
+        assert [read.channels[name].column for name in ("goal", "angle")] == ["PosCmd", "Pos"]
+        late = [goal(k - servo) for k in range(len(TIMES))]
+        assert np.degrees(read.outputs["angle"]) == pytest.approx(late, abs=1e-9)
+    code, out, err = run("check", path, "--init", "--actuator", "smart_servo")
+    assert (code, "flight_CSRV_1.toml' exists" in err) == (2, True)
+
+
+def test_a_survey_has_a_job_for_each_servo(tmp_path: Path) -> None:
+    path = log(tmp_path / "flight.bin")
+    for _ in range(2):  # what is there already is kept
+        found = plan(path, tmp_path / "out", "smart_servo")
+        assert [job.joint for job in found.jobs] == ["flight_CSRV_1", "flight_CSRV_2"]
+        assert all(read_description(job.description).logs for job in found.jobs)
 
 
 def test_pulses_hold_beside_an_angle_of_another_message(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from servo_models.core.catalogue import actuators
 from servo_models.core.simulate import model, simulate
 from servo_models.data import scaffold
 from servo_models.data.description import read_description
-from servo_models.data.scaffold import draft, heading
+from servo_models.data.scaffold import draft, drafts, heading
 from tests.conftest import Run
 from tests.support.noisy_motor import TIMES, VOLTAGE, described, frame, motor_log
 
@@ -323,6 +323,28 @@ def test_a_draft_goes_into_a_folder_that_is_there(run: Run, tmp_path: Path) -> N
     (tmp_path / "drafts").mkdir()
     assert run("check", path, "--init", "--out", tmp_path / "drafts")[0] == 0
     assert (tmp_path / "drafts" / "log.toml").exists()
+
+
+def test_tables_with_a_command_of_their_own_are_drafted_each(tmp_path: Path) -> None:
+    """Three gyros beside one command are of one servo, and what stands still is of none."""
+    times, path = (0.01 * np.arange(300)).tolist(), tmp_path / "log.json"
+    swing = np.sin(times)
+
+    def table(*values: np.ndarray) -> list[dict[str, float]]:
+        names = ("time_s", "angle_deg", "goal_deg")
+        return [dict(zip(names, row)) for row in zip(times, *values)]
+
+    still = 0.0 * swing
+    servos = {f"servo {k}": table(k * swing, 9.0 * swing) for k in (1, 2)}
+    servos |= {"servo 3": table(still, 9.0 * swing)}
+    path.write_text(json.dumps(servos))
+    assert [one.table for one in drafts(path, "smart_servo")] == ["servo 1", "servo 2"]
+    assert {m.column.table for m in drafts(path, "smart_servo")[1].matches} == {"servo 2"}
+    sensors = {f"sensor {k}": table(k * swing) for k in (1, 2, 3)}
+    goals = [{"time_s": t, "goal_deg": 9.0 * g} for t, g in zip(times, swing.tolist())]
+    path.write_text(json.dumps({**sensors, "command": goals}))
+    (one,) = drafts(path, "smart_servo")
+    assert {match.column.table for match in one.matches} == {"sensor 1", "command"}
 
 
 def test_topics_that_were_merged_into_a_table(run: Run, tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 import unicodedata
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from servo_models.core.catalogue import actuators, of_one_variant
@@ -18,7 +18,7 @@ from servo_models.data.joints.recording import Joint, Recording
 from servo_models.data.lag import lags
 from servo_models.data.readers import is_bag
 from servo_models.data.readers.lerobot import episodes, is_data_set
-from servo_models.data.scaffold import CHECK, LONGEST_SENTENCE
+from servo_models.data.scaffold import CHECK, LONGEST_SENTENCE, Draft
 from servo_models.data.schema import quoted
 from servo_models.errors import UserError, printable
 from servo_models.files import write_whole
@@ -110,6 +110,15 @@ def as_file(name: str) -> str:
     """Return a name as one of a file on every system: some count its bytes."""
     whole = re.sub(r"[^\w.-]+", "_", unicodedata.normalize("NFC", name))
     return whole.encode()[:60].decode(errors="ignore").strip("._") or "joint"
+
+
+def files_of(made: Sequence[Draft], path: Path) -> dict[Path, Draft]:
+    """Return the drafts of a log by their files: ``path``, for several with the table of each."""
+    files: dict[Path, Draft] = {}
+    for one in made:
+        several = _free(path.parent, as_file(f"{path.stem}_{one.table}"), files)
+        files[path if len(made) == 1 else several] = one
+    return files
 
 
 def _free(folder: Path, stem: str, taken: Iterable[Path]) -> Path:
