@@ -463,6 +463,10 @@ class Inner(Protocol):
         """Return the outputs, shape (n, outputs), of both together; see ``foreign.box.Around``."""
         ...
 
+    def only(self, names: frozenset[str]) -> Actuator:
+        """Return the actuator with these outputs of the simulation, and the first one, alone."""
+        ...
+
 
 @dataclass(frozen=True)
 class Actuator:

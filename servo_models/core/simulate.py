@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, ClassVar
@@ -347,6 +347,20 @@ def with_output(chosen: Model, wire: str) -> Model:
     variant = replace(chosen.actuator.variant(chosen.variant), plant=plant)
     actuator = replace(chosen.actuator, plant=plant, variants=(variant,))
     return replace(chosen, actuator=actuator, flat=flat_of(plant, actuator.name))
+
+
+def of_named(chosen: Model, names: Set[str]) -> Model:
+    """Return the same model without outputs of a simulation that is not ours of which no output,
+    parameter or effect is named, nor a value changed: each that is read costs time."""
+    if not chosen.actuator.inner:
+        return chosen
+    less = chosen.actuator.inner.only(frozenset(names))
+    nominal, plant = chosen.actuator.values(chosen.variant), less.plant
+    needed = names | {name for name, value in chosen.values.items() if value != nominal[name]}
+    if not needed <= {*plant.wire, *plant.parameters, *plant.placements}:
+        return chosen
+    values = {name: chosen.values[name] for name in less.values(chosen.variant)}
+    return replace(chosen, actuator=less, values=values, flat=flat_of(plant, less.name))
 
 
 def simulate(

@@ -15,7 +15,7 @@ from typing import Any, Literal
 from servo_models.core.catalogue import actuator as find_actuator
 from servo_models.core.own_actuator import check_trust, is_file, simulation
 from servo_models.core.plant import Actuator, unknown
-from servo_models.core.simulate import Model, model
+from servo_models.core.simulate import Model, model, of_named
 from servo_models.data.log import Log
 from servo_models.data.parameters import ParameterFile, ParameterSet, read_parameters
 from servo_models.data.readers import Columns, is_bag, read_columns, suffixes
@@ -180,16 +180,22 @@ def described(
     """
     table = document.read(DescriptionTable)
     uncertainty = _uncertainty(document.section("uncertainty"), chosen)
+    logs = _logs(document, chosen, tables or {}, planned)
+    free = _free(document, table.free, chosen)
+    bounds = _bounds(document.section("bounds"), chosen, uncertainty)
+    named_in_logs = {name for log in logs for name in (*log.outputs, *log.constants)}
+    if logs and not table.sweeps:
+        chosen = of_named(chosen, named_in_logs.union(uncertainty, free, bounds))
     return Description(
         path=document.file,
         document=document,
         model=chosen,
         parameters=parameters,
         uncertainty=uncertainty,
-        logs=_logs(document, chosen, tables or {}, planned),
-        free=_free(document, table.free, chosen),
+        logs=logs,
+        free=free,
         method=table.method,
-        bounds=_bounds(document.section("bounds"), chosen, uncertainty),
+        bounds=bounds,
     )
 
 

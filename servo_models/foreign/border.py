@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import functools
 from pathlib import Path
 
 import numpy as np
@@ -46,12 +48,21 @@ PASSED = pass_{given}
 '''
 
 
-def actuator_around(box: Box, file: Path) -> Actuator:
+def actuator_around(box: Box, file: Path, settled: float = 0.0) -> Actuator:
     """Return the actuator of a box, which ``file`` calls, and the effects around it.
+
+    ``settled`` [s] is its settling time, where that is known.
 
     Raises:
         ValueError: a signal or a parameter has a name that none can have.
     """
+    settled = settled or settling_time(box)
+
+    def only(names: frozenset[str]) -> Actuator:
+        less = copy.copy(box)
+        less.outputs = (box.outputs[0], *(it for it in box.outputs[1:] if it.name in names))
+        return actuator_around(less, file, settled)
+
     plant = Plant(
         inputs=(
             *map(_wire, box.inputs),
@@ -74,7 +85,7 @@ def actuator_around(box: Box, file: Path) -> Actuator:
             **internal_step(box.step, high=0.1),
             **{it.name: _param(it) for it in box.parameters},
         },
-        time_scale=SETTLING_TIMES * settling_time(box),
+        time_scale=SETTLING_TIMES * settled,
     )
     command = box.inputs[0]
     return Actuator(
@@ -88,7 +99,7 @@ def actuator_around(box: Box, file: Path) -> Actuator:
         step_size=box.step,
         step=(command.name, command.rest + STEP_IN_SIZES * command.size),
         file=file,
-        inner=Around(box),
+        inner=Around(box, functools.cache(only)),
     )
 
 

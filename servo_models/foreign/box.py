@@ -20,6 +20,7 @@ import numpy as np
 from cachetools import LRUCache
 from numpy.typing import NDArray
 
+from servo_models.core.plant import Actuator
 from servo_models.core.types import Array
 
 KEPT = 256  # latest answers of a box that are kept
@@ -98,6 +99,7 @@ class Around:
     """Runs of a box with the plant around it; what ``Actuator.inner`` calls."""
 
     box: Box
+    only: Callable[[frozenset[str]], Actuator]
     _answers: LRUCache[bytes, Array] = field(
         default_factory=lambda: LRUCache(KEPT), init=False, repr=False
     )

@@ -404,6 +404,30 @@ def test_play_behind_a_function_is_diagnosed(tmp_path: Path) -> None:
         assert abs(values[name].value - truth) < 3.0 * values[name].standard_error + 0.02 * truth
 
 
+KEPT = {
+    "parameters": 'parameters = { "current_offset.value" = "1 mA" }',
+    "uncertainty": 'uncertainty."current_offset.value" = "1 mA"',
+    "bounds": 'bounds = { "current_offset.value" = ["-1 A", "1 A"] }',
+    "effect": 'free = ["current_offset"]',
+    "nothing": "",
+}
+
+
+@pytest.mark.parametrize("kept", KEPT)
+def test_readings_that_nobody_names_are_not_simulated(tmp_path: Path, kept: str) -> None:
+    text = FIRST_ORDER.replace('"angle": "90 deg"', '"angle": "90 deg", "current": "2 A"')
+    name = first_order(tmp_path, text.replace(": angle}", ': angle, "current": -angle}'))
+    path = logged(tmp_path, play=0.0)
+    known = path.read_text().replace("[uncertainty]\n", "uncertainty.")
+    path.write_text(f"{KEPT[kept]}\n{known}")
+    found, whole = read_description(path).model, model(name)
+    assert ("current" in found.plant.outputs) == (kept != "nothing")
+    assert "current" in whole.plant.outputs
+    if kept == "nothing":
+        angles = [one_step(it)["angle"].tolist() for it in (found, whole)]
+        assert angles[0] == angles[1]
+
+
 def test_a_simulation_elsewhere_runs_if_it_is_trusted_only(tmp_path: Path) -> None:
     for name in ("one", "other"):
         (tmp_path / name).mkdir()
