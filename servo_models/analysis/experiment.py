@@ -38,7 +38,7 @@ def step(
     """
     actuator = chosen.actuator
     given = dict(inputs or [actuator.step])
-    wires = {wire.name: wire for wire in chosen.plant.inputs}
+    wires = {wire.name: wire for wire in chosen.plant.settable}
     check_known("input", given, wires, f"actuator '{actuator.name}'")
     values = {name: _input(wires[name], value) for name, value in given.items()}
     end = _positive("stop", chosen.stop_time if stop is None else stop)

@@ -110,7 +110,7 @@ complete_setting = completing(
     lambda ctx: (f"{name}=" for one in _typed(ctx) for name in one.plant.parameters)
 )
 complete_input = completing(
-    lambda ctx: (f"{wire.name}=" for one in _typed(ctx) for wire in one.plant.inputs)
+    lambda ctx: (f"{wire.name}=" for one in _typed(ctx) for wire in one.plant.settable)
 )
 
 

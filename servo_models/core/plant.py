@@ -36,6 +36,7 @@ class Wire:
         low, high: bounds, for an input.
         display: unit a person wants to read it in.
         flag: it is 0 or 1, a Boolean to the outside.
+        inner: an input that a simulation which is not ours sets, and no person.
         words: words each of which in the heading of a column says that it is this signal.
         bench: how a person sets it (an input) or measures it (an output) on the bench.
 
@@ -52,6 +53,7 @@ class Wire:
     high: float | None = None
     display: str | None = None
     flag: bool = False
+    inner: bool = False
     words: tuple[str, ...] = ()
     bench: tuple[Bench, ...] = ()
 
@@ -244,6 +246,11 @@ class Plant:
         """Declared wires by name."""
         every = (*self.inputs, *self.wires, *(state.wire for state in self.states))
         return {wire.name: wire for wire in every}
+
+    @property
+    def settable(self) -> tuple[Wire, ...]:
+        """Inputs that a log or a person gives."""
+        return tuple(wire for wire in self.inputs if not wire.inner)
 
     @cached_property
     def placements(self) -> dict[str, tuple[Placement, ...]]:

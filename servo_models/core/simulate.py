@@ -411,7 +411,8 @@ def _columns(
     if not isinstance(inputs, Mapping):
         example = f"give {{'{next(iter(known), 'input')}': ...}}"
         raise UserError(f"argument 'inputs' is no mapping, but {inputs!r:.60}: {example}")
-    check_known("input", inputs, known, f"actuator '{chosen.actuator.name}'")
+    settable = [wire.name for wire in chosen.plant.settable]
+    check_known("input", inputs, settable, f"actuator '{chosen.actuator.name}'")
     columns: dict[str, Array] = {}
     for name, wire in known.items():
         cure = f"give one number in {wire.unit}, or one for each time"

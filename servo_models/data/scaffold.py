@@ -366,7 +366,7 @@ def _through_the_model(match: Match, actuator: Actuator) -> tuple[str, float, fl
 def _open_ends(made: Draft) -> Iterator[str]:
     plant = made.plant
     matched = [match.wire.name for match in made.matches]
-    missing = [wire for wire in plant.inputs if wire.name not in matched]
+    missing = [wire for wire in plant.settable if wire.name not in matched]
     mains = (made.main, made.actuator.step[0])
     assumed = [wire for wire in missing if wire.rest and wire.name not in mains]
     others = [wire.name for wire in missing if wire not in assumed]
@@ -472,7 +472,7 @@ def _constant_inputs(
     columns: Sequence[Column], plant: Plant, matched: Sequence[Wire]
 ) -> Iterator[Match]:
     """Inputs that are the same in the whole log, from columns that are called like them."""
-    for wire in plant.inputs:
+    for wire in plant.settable:
         same = [c for c in columns if not c.moves and "_".join(c.words) == wire.name]
         match = _match(wire, same[0], plant, main=False, command=False) if same else None
         if match and match.converts and match.score and wire not in matched:
@@ -534,7 +534,7 @@ def _with_command(chosen: list[Match], commands: Sequence[Match], plant: Plant) 
 def _offers(column: Column, made: Draft, command: bool = False) -> list[Match]:
     """How a column fits every signal."""
     plant, mains = made.plant, (made.main, made.plant.outputs[0])
-    names = (*(wire.name for wire in plant.inputs), *plant.outputs)
+    names = (*(wire.name for wire in plant.settable), *plant.outputs)
     return [_match(plant.wire[n], column, plant, n in mains, command) for n in names]
 
 

@@ -199,7 +199,7 @@ def read_log(
     if not (given or (entry.file and os.path.exists(path))):  # a text that is no name has none
         section.fail("file", f"no file '{path}'; name it as seen from the description")
     main, plant = _time_table(entry), chosen.plant
-    wires = {wire.name: wire for wire in plant.inputs}
+    wires = {wire.name: wire for wire in plant.settable}
     readings = {name: plant.wire[name] for name in plant.outputs}
     inputs = _mapped(section.section("inputs"), "input", wires, main)
     outputs = _outputs(section.section("outputs"), readings, main)
@@ -336,7 +336,7 @@ def _begun(clock: Clock, others: Iterable[Clock], path: Path) -> Clock:
 
 
 def _constants(given: Section, chosen: Model, inputs: Mapping[str, Mapped]) -> dict[str, float]:
-    known: dict[str, Parameter | Wire] = {wire.name: wire for wire in chosen.plant.inputs}
+    known: dict[str, Parameter | Wire] = {wire.name: wire for wire in chosen.plant.settable}
     known |= chosen.plant.parameters
     section = named(given, "parameter or input", known)
     for name in section:

@@ -46,8 +46,8 @@ def read_inputs(path: str | Path, plant: Plant) -> tuple[Array, dict[str, Array]
         array([0.0015, 0.0019])
     """
     outputs = [plant.wire[name] for name in plant.outputs]
-    names = [wire.name for wire in plant.inputs]
-    times, signals = _read(Path(path), (*plant.inputs, *outputs), names)
+    names = [wire.name for wire in plant.settable]
+    times, signals = _read(Path(path), (*plant.settable, *outputs), names)
     inputs = {name: signals[name] for name in names if name in signals}
     if not inputs:
         raise UserError(f"'{path}' has no column for an input: add one of {', '.join(names)}")

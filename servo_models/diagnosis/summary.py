@@ -489,7 +489,8 @@ def _about_held_out(diagnosis: Diagnosis) -> Iterator[str]:
 
 
 def _about_parameters(diagnosis: Diagnosis) -> Iterator[str]:
-    if not diagnosis.moved:
+    every = diagnosis.model.plant.parameters.values()
+    if not diagnosis.moved and any(not (it.owner or it.param.fixed) for it in every):
         yield (
             "no nominal parameter has an uncertainty: all are held fixed, and a wrong value looks"
             " like an effect; add [uncertainty] to the description"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import functools
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -66,8 +67,8 @@ def actuator_around(box: Box, file: Path, settled: float = 0.0) -> Actuator:
     plant = Plant(
         inputs=(
             *map(_wire, box.inputs),
-            *(_wire(one, f"simulated_{one.name}") for one in box.outputs),
-            *(_rate(one, f"simulated_{one.name}_rate") for one in box.outputs),
+            *(replace(_wire(one, f"simulated_{one.name}"), inner=True) for one in box.outputs),
+            *(replace(_rate(one, f"simulated_{one.name}_rate"), inner=True) for one in box.outputs),
         ),
         wires=(
             *map(_wire, box.outputs),

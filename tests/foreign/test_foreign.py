@@ -20,6 +20,7 @@ from servo_models.build import build
 from servo_models.core.simulate import Model, Result
 from servo_models.core.types import Array
 from servo_models.core.workers import Workers
+from servo_models.data.scaffold import draft
 from servo_models.errors import UserError
 from servo_models.foreign import function
 from servo_models.foreign.box import finer, held
@@ -426,6 +427,31 @@ def test_readings_that_nobody_names_are_not_simulated(tmp_path: Path, kept: str)
     if kept == "nothing":
         angles = [one_step(it)["angle"].tolist() for it in (found, whole)]
         assert angles[0] == angles[1]
+
+
+def test_what_is_between_a_box_and_its_effects_is_nothing_to_be_given(tmp_path: Path) -> None:
+    first_order(tmp_path)
+    path = logged(tmp_path, play=0.0)
+    text = path.read_text()
+    for name in ("gaol", "simulated_angle"):
+        path.write_text(text.replace("inputs.goal = {", f"inputs.{name} = {{"))
+        with pytest.raises(UserError, match=r"unknown input '\w+'; (did you mean|known:) '?goal"):
+            read_description(path)
+    text = draft(tmp_path / "log.csv", f"{tmp_path / 'sim.py'}:simulate").text(tmp_path)
+    assert "simulated" not in text
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("parameters", ['{"time_constant": "50 ms"}', "{}"])
+def test_an_uncertainty_is_asked_for_where_there_is_a_parameter(
+    tmp_path: Path, parameters: str
+) -> None:
+    text = FIRST_ORDER.replace('{"time_constant": "50 ms"}', parameters)
+    first_order(tmp_path, text.replace('parameters["time_constant"]', "0.05"))
+    path = logged(tmp_path, play=0.0)
+    path.write_text(path.read_text().replace('[uncertainty]\ntime_constant = "20 %"\n', ""))
+    told = str(diagnose(path, jobs=1, quick=True).report())
+    assert ("add [uncertainty]" in told) == (parameters != "{}")
 
 
 def test_a_simulation_elsewhere_runs_if_it_is_trusted_only(tmp_path: Path) -> None:
