@@ -12,6 +12,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from threading import RLock
 from typing import Any, ClassVar
 
 import numpy as np
@@ -85,15 +86,20 @@ class Result(Reported):
         return pd.DataFrame({**self.inputs, **self.outputs}, index=index)
 
 
+_PARSING = RLock()  # CPython 3.11 may fail where two threads make syntax trees at once
+
+
 @functools.lru_cache(maxsize=PLANTS)
 def flat_of(plant: Plant, name: str) -> Flat:
     """Return the flattened plant; flattening is done once per plant and process."""
-    return flatten(plant, name)
+    with _PARSING:
+        return flatten(plant, name)
 
 
 @functools.lru_cache(maxsize=PLANTS)
 def _compiled(plant: Plant, name: str) -> Callable[..., Any]:
-    return compiled_run(run_text(flat_of(plant, name)))
+    with _PARSING:
+        return compiled_run(run_text(flat_of(plant, name)))
 
 
 @functools.lru_cache(maxsize=PLANTS)

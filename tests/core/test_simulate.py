@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import gc
 import math
+import time
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,6 +14,8 @@ import polars as pl
 import pytest
 from scipy.linalg import expm
 
+from servo_models.core import simulate as simulation
+from servo_models.core.c_text import c_run_text
 from servo_models.core.catalogue import actuators
 from servo_models.core.plant import Actuator, Wire
 from servo_models.core.simulate import model, simulate
@@ -67,6 +72,22 @@ def test_runs_in_threads_do_not_disturb_each_other() -> None:
     with ThreadPoolExecutor(4) as pool:
         at_once = pool.map(lambda volts: simulate(LINEAR, TIMES, {"voltage": volts}), levels)
     assert all(np.array_equal(one["angle"], other) for one, other in zip(at_once, alone))
+
+
+def test_threads_compile_a_plant_at_once(
+    monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
+) -> None:
+    """CPython 3.11 mixes up syntax trees of two threads that change within one, as here whenever
+    garbage is collected."""
+    plant = actuators()["torque_motor"].plant
+    monkeypatch.setattr(simulation, "compiled_run", c_run_text)
+    request.addfinalizer(partial(gc.set_threshold, *gc.get_threshold()))
+    gc.set_threshold(100)
+    gc.callbacks.append(lambda *_: time.sleep(1e-5))
+    request.addfinalizer(gc.callbacks.pop)
+    with ThreadPoolExecutor(2) as threads:
+        texts = list(threads.map(simulation._compiled, [plant] * 2, ["in threads"] * 2))
+    assert texts[0] == texts[1]
 
 
 def test_one_time_gives_the_outputs_at_rest() -> None:

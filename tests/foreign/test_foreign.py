@@ -313,7 +313,6 @@ def simulate(parameters, times, inputs):
 
 def test_runs_of_a_function_go_on_together(tmp_path: Path) -> None:
     name = first_order(tmp_path, MEETING)
-    one_step(model(name))  # compiles
     models = [model(name, parameters={"number": number}) for number in (2.0, 3.0)]
     with Workers(2) as workers:
         angles = [it["angle"] for it in workers.map(one_step, models)]
