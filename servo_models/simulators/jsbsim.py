@@ -141,7 +141,8 @@ def read(content: bytes, joint: str, inertia: float) -> Nominal:
     values[TRANSPORT_DELAY] = (late, f"delay of {origin}, less a frame of {SIMULATOR.step:.3g} s")
     for parameter, key, factor in (
         ("rate_limit.rate", "rate_limit", scale),
-        ("backlash.half_width", "hysteresis_width", 0.5 * scale),
+        ("stiction.band", "hysteresis_width", scale),  # play; that of ours is inside a loop
+        ("stiction.jump", "hysteresis_width", 0.0),
         ("command_offset.value", "bias", scale),
     ):
         values[parameter] = (factor * value(key), f"{key} of {origin}")

@@ -155,7 +155,8 @@ def test_an_actuator_of_jsbsim_in_degrees(tmp_path: Path) -> None:
     path.write_text(ACTUATOR)
     found = nominal(str(path)).settings()
     assert found["rate_limit.rate"] == pytest.approx(math.pi / 2.0)
-    assert found["backlash.half_width"] == pytest.approx(math.radians(1.0))
+    assert found["stiction.band"] == pytest.approx(math.radians(2.0))  # play, without a slip
+    assert found["stiction.jump"] == 0.0
     assert found["command_offset.value"] == pytest.approx(math.radians(1.5))
     assert found["command_lag.time_constant"] == 0.05
     assert found["transport_delay.time"] == pytest.approx(5.0 / 120.0)  # as its engine runs six
@@ -166,7 +167,8 @@ def test_the_model_moves_as_jsbsim_moves_the_actuator(tmp_path: Path) -> None:
     pytest.importorskip("jsbsim")
     lines = (
         '<actuator name="fcs/servo"><input>fcs/goal</input><lag>20</lag><rate_limit>3</rate_limit>'
-        "<delay>0.05</delay><clipto><min>-0.4</min><max>0.5</max></clipto></actuator>"
+        "<hysteresis_width>0.2</hysteresis_width><delay>0.05</delay>"
+        "<clipto><min>-0.4</min><max>0.5</max></clipto></actuator>"
     )
     (tmp_path / "servo.xml").write_text(f"<system>{lines}</system>")
     found = nominal(f"{tmp_path / 'servo.xml'}")
