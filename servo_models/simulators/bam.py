@@ -64,7 +64,7 @@ def read(content: bytes, joint: str, inertia: float) -> Nominal:
     warnings = [f"{supply} of BAM is an input of ours: state it as a constant of the logs"]
     if model in STRIBECK and "alpha" in told:
         warnings.append(f"alpha = {value('alpha'):g} of BAM is 2 in ours")
-    return Nominal(values, warnings=tuple(warnings))
+    return Nominal(values, warnings=tuple(warnings), variant=str(told.get("actuator", "")))
 
 
 READER = Reader("BAM", (".json",), b"kt", read)

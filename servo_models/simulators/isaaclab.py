@@ -117,7 +117,8 @@ def lines(values: Mapping[str, float], step: float, inertia: float) -> str:
     )
 
 
-KINDS = ("ImplicitActuatorCfg", "IdealPDActuatorCfg", "DelayedPDActuatorCfg")
+DC_MOTOR = "DCMotorCfg"  # whose torque falls with speed
+KINDS = ("ImplicitActuatorCfg", "IdealPDActuatorCfg", "DelayedPDActuatorCfg", DC_MOTOR)
 CURE = f"give a configuration in Python with {', '.join(KINDS)}"
 EFFORT = ("effort_limit", "actuator_effort_limit", "effort_limit_sim", "joint_effort_limit")
 SPEED = ("velocity_limit_sim", "joint_velocity_limit")
@@ -131,12 +132,14 @@ def read(content: bytes, joint: str, inertia: float) -> Nominal:
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         raise UserError(f"no Python: {error}") from error
     constants = {name: value for node in tree.body for name, value in _named(node)}
-    groups = {
-        name: {it.arg: it.value for it in call.keywords if it.arg}
+    calls = {
+        name: call
         for node in ast.walk(tree)
         for name, call in _named(node)
-        if isinstance(call, ast.Call)
-        and getattr(call.func, "attr", getattr(call.func, "id", "")) in KINDS
+        if isinstance(call, ast.Call) and JOINTS in (it.arg for it in call.keywords)
+    }
+    groups = {
+        name: {it.arg: it.value for it in call.keywords if it.arg} for name, call in calls.items()
     }
     reached = [
         name
@@ -145,7 +148,10 @@ def read(content: bytes, joint: str, inertia: float) -> Nominal:
         and any(_meant(it, joint) for it in ast.walk(given.get(JOINTS, ast.Constant(None))))
     ]
     name = reached[0] if reached else chosen("group of actuators", joint, [*groups], CURE)
-    given = groups[name]
+    given, function = groups[name], calls[name].func
+    kind = getattr(function, "attr", getattr(function, "id", "call"))
+    if kind not in KINDS:
+        raise UserError(f"'{name}' is a {kind}, which is not read: {CURE}")
 
     def value(*keys: str) -> float:
         for key in keys:
@@ -167,13 +173,15 @@ def read(content: bytes, joint: str, inertia: float) -> Nominal:
     carried = inertia + value("armature")
     damping = value("damping")
     values = servo(value("stiffness"), damping, 0.0, value(*EFFORT), carried, origin)
-    if value(*SPEED):
-        values["speed_limit"] = (min(value(*SPEED), FASTEST), f"{SPEED[0]} of {origin}")
+    limits = ("velocity_limit", *SPEED) if kind == DC_MOTOR else SPEED
+    if value(*limits):
+        values["speed_limit"] = (min(value(*limits), FASTEST), f"{limits[0]} of {origin}")
     values["coulomb_friction.level"] = (value("friction"), f"friction of {origin}")
     steps = 0.5 * (value("min_delay") + value("max_delay"))
     told = f"mean delay of {origin}, {steps:g} steps of {SIMULATOR.step:g} s: scale it to yours"
     values[TRANSPORT_DELAY] = (steps * SIMULATOR.step, told)
-    return Nominal(values)
+    falls = f"torque of {origin} falls to 0 at velocity_limit; ours has all of it up to there"
+    return Nominal(values, warnings=(falls,) if kind == DC_MOTOR else ())
 
 
 def _resolved(node: ast.expr | None, constants: Mapping[str, ast.expr]) -> ast.expr | None:

@@ -133,7 +133,10 @@ def read(content: bytes, joint: str, inertia: float) -> Nominal:
         told = [it.text or "" for it in element.iterfind(key)]
         return min((numbers(text, 1, f"{key} of {origin}")[0] for text in told), default=0.0)
 
-    scale = math.radians(1.0) if _in_degrees(element, name) else 1.0
+    scale = math.radians(1.0) if _ends(element, name, "deg", "degrees") else 1.0
+    warnings = []
+    if _ends(element, name, "norm"):
+        warnings.append(f"{origin} is normalised: log command and angle so that 1 rad is 1 of it")
     delay = element.find(DELAY)
     frames = delay is not None and delay.get("type") == "frames"
     values = follower(f"{origin}, which no load moves")
@@ -150,18 +153,20 @@ def read(content: bytes, joint: str, inertia: float) -> Nominal:
     values["command_lag.time_constant"] = (1.0 / lag if lag else 0.0, f"1 / lag of {origin}")
     if value("deadband_width"):
         raise UserError(f"{origin} has a deadband_width, a dead zone about 0: leave it out")
-    if element.find("clipto") is None:
-        return Nominal(values)
-    low, high = value("clipto/min"), value("clipto/max")
-    half = scale * max(min(-low, high), 0.0)
-    values["end_stops.half_range"] = (half, f"nearer end of clipto of {origin}")
-    uneven = f"clipto of {origin} is {low:g} to {high:g}, in ours the same to either side"
-    return Nominal(values, warnings=() if low == -high else (uneven,))
+    if element.find("clipto") is not None:
+        low, high = value("clipto/min"), value("clipto/max")
+        half = scale * max(min(-low, high), 0.0)
+        values["end_stops.half_range"] = (half, f"nearer end of clipto of {origin}")
+        if low != -high:
+            ends = f"is {low:g} to {high:g}, in ours the same to either side"
+            warnings.append(f"clipto of {origin} {ends}")
+    return Nominal(values, warnings=tuple(warnings))
 
 
-def _in_degrees(element: ET.Element, name: str) -> bool:
+def _ends(element: ET.Element, name: str, *ends: str) -> bool:
+    """Whether a name of the actuator or its signals has one of these ends."""
     names = [name, *(it.text or "" for key in ("input", "output") for it in element.iterfind(key))]
-    return any(text.strip().endswith(("deg", "degrees")) for text in names)
+    return any(text.strip().endswith(ends) for text in names)
 
 
 SIMULATOR = Simulator(

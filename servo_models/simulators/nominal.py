@@ -50,8 +50,15 @@ def import_nominal(file: str, inertia: float | str = 0.0) -> ParameterSet:
         Estimate(parameter, value, None, printable(origin, LONGEST))
         for parameter, (value, origin) in reading.values.items()
     )
+    warnings = reading.warnings
+    if reading.variant not in ("", variant):
+        which = printable(reading.variant, LONGEST)
+        warnings += (
+            f"of '{which}' we have no variant: what the file does not say is of '{variant}'; give"
+            " such parameters an uncertainty, or values, in the description",
+        )
     method = f"read from '{path.name}', a file of {readers()[kind].title}"
-    return ParameterSet(actuator.key, variant, estimates, method=method, warnings=reading.warnings)
+    return ParameterSet(actuator.key, variant, estimates, method=method, warnings=warnings)
 
 
 def _kind(path: Path, content: bytes) -> str:
@@ -67,7 +74,8 @@ def _kind(path: Path, content: bytes) -> str:
 def _target(reading: Nominal) -> tuple[Actuator, str]:
     """The actuator that has all parameters that were read, and the variant with its command.
 
-    Variants differ in size: the first is taken whose bounds hold the values, else the last.
+    Variants differ in size: of those whose bounds hold the values the one that is named is taken,
+    else the first; where none does, the last.
     """
     fitting = []
     for actuator in actuators().values():
@@ -75,11 +83,12 @@ def _target(reading: Nominal) -> tuple[Actuator, str]:
             plant = actuator.plant_of(variant.name)
             command = plant.wire[variant.command or actuator.step[0]]
             if command.unit == reading.command and reading.values.keys() <= plant.parameters.keys():
-                within = all(
+                holds = all(
                     plant.parameters[name].param.low <= value <= plant.parameters[name].param.high
                     for name, (value, _) in reading.values.items()
                 )
-                fitting.append((within, actuator, variant.name))
+                fitting.append((holds, actuator, variant.name))
     if not fitting:
         raise UserError("no actuator of the catalogue has all of its parameters")
-    return next((it for it in fitting if it[0]), fitting[-1])[1:]
+    within = [it for it in fitting if it[0]] or fitting[-1:]
+    return next((it for it in within if it[2] == reading.variant), within[0])[1:]

@@ -80,11 +80,13 @@ class Nominal:
         values: values with their origins in words.
         command: unit of the command, ``"rad"`` or ``"s"`` for pulses: it chooses the variant.
         warnings: in words, differences from our model.
+        variant: what it is of; the variant of this name gives what the file does not say.
     """
 
     values: Mapping[str, tuple[float, str]]
     command: str = "rad"
     warnings: tuple[str, ...] = ()
+    variant: str = ""
 
 
 @dataclass(frozen=True)

@@ -150,6 +150,16 @@ def test_a_configuration_of_isaac_lab_is_read_and_not_run(tmp_path: Path) -> Non
     assert found["coulomb_friction.level"] == 0.1
 
 
+def test_a_motor_of_isaac_lab_has_no_torque_beyond_its_speed(tmp_path: Path) -> None:
+    path = tmp_path / "robot_cfg.py"
+    given = CONFIGURATION.replace("DelayedPDActuatorCfg", "DCMotorCfg")
+    path.write_text(given.replace("velocity_limit_sim=9.0", "velocity_limit=7.0"))
+    found = nominal(f"{path}#left_knee")
+    assert found.settings()["speed_limit"] == 7.0
+    (falls,) = found.warnings
+    assert "falls to 0 at velocity_limit" in falls
+
+
 def test_an_actuator_of_jsbsim_in_degrees(tmp_path: Path) -> None:
     path = tmp_path / "plane.xml"
     path.write_text(ACTUATOR)
@@ -160,6 +170,9 @@ def test_an_actuator_of_jsbsim_in_degrees(tmp_path: Path) -> None:
     assert found["command_offset.value"] == pytest.approx(math.radians(1.5))
     assert found["command_lag.time_constant"] == 0.05
     assert found["transport_delay.time"] == pytest.approx(5.0 / 120.0)  # as its engine runs six
+    path.write_text('<s><actuator name="fcs/elevator-norm"><lag>20</lag></actuator></s>')
+    (normalised,) = nominal(str(path)).warnings
+    assert "1 rad is 1 of it" in normalised
 
 
 def test_the_model_moves_as_jsbsim_moves_the_actuator(tmp_path: Path) -> None:
@@ -214,6 +227,11 @@ def test_a_motor_of_bam(tmp_path: Path) -> None:
     found = nominal(str(path))
     told = found.settings()
     assert (told["torque_constant"], told["resistance"], told["inertia"]) == (0.3, 2.5, 0.002)
+    assert found.variant == "xl330"
+    path.write_text(json.dumps({**motor, "actuator": "sts3215"}))
+    assert nominal(str(path)).variant == "sts3215"
+    path.write_text(json.dumps({**motor, "actuator": "mx106"}))
+    assert "of 'mx106' we have no variant" in nominal(str(path)).warnings[-1]
     assert told["load_friction.coefficient"] == 0.2  # motor and load each bear on the gears
     full_speed = 10.0
     assert told["viscous_friction.torque"] / full_speed == pytest.approx(0.01)
@@ -255,6 +273,7 @@ PASSIVE = DC.format('input="none"')
         ("c.py", CONFIGURATION, "#arm", "no stiffness"),
         ("c.py", CONFIGURATION, "#n", "stiffness of '?[31mneck' is no number"),
         ("c.py", CONFIGURATION, "#lgs", "did you mean 'legs'?"),
+        ("c.py", CONFIGURATION.replace("ImplicitA", "A"), "#arm", "is a ActuatorCfg, which is not"),
         ("c.py", "def", "", "no Python"),
         ("c.py", "-" * 100_000 + "1", "", "no Python"),
         ("d.parm", "SIM_SPEEDUP 1", "", "none of SIM_SERVO_SPEED"),
