@@ -100,6 +100,8 @@ HOLDS: Mapping[str, Held] = {
     "hysteresis": Held(APPROXIMATE, "hysteresis_width, play in place of a loop"),
     "coulomb_friction": Held(APPROXIMATE, "hysteresis_width, play in place of friction"),
     "presliding_friction": Held(APPROXIMATE, "hysteresis_width, play in place of a loop"),
+    "stiction": Held(APPROXIMATE, "hysteresis_width, play without the slip"),
+    "dead_zone": Held(APPROXIMATE, "hysteresis_width, play in place of a zone"),
     "dead_band": Held(APPROXIMATE, "hysteresis_width, play in place of a band"),
     "offset": Held(EXACT, "bias"),
     "null_shift": Held(APPROXIMATE, "bias"),
