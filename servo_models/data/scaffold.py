@@ -135,7 +135,7 @@ def drafts(path: Path, actuator: str | None = None) -> list[Draft]:
     best = replace(best, left_out=tuple(left_out))
     if not _is_whole(best):
         return [best]
-    alike = _alike(columns, best.table)
+    alike = _alike([*columns, *left_out], best.table)
     every = [_filled(best, columns, it, [other for other in alike if other != it]) for it in alike]
     return [one for one in every if _is_whole(one)]
 
@@ -146,11 +146,11 @@ def _is_whole(made: Draft) -> bool:
     return made.main in own and bool(own.intersection(made.plant.outputs))
 
 
-def _alike(columns: Sequence[Column], table: str | None) -> list[str | None]:
+def _alike(columns: Sequence[Column | LeftOut], table: str | None) -> list[str | None]:
     """The tables with the headings of one, such as the messages of each servo on a bus."""
-    headings: dict[str | None, list[str | int]] = {}
+    headings: dict[str | None, set[str | int]] = {}
     for column in columns:
-        headings.setdefault(column.table, []).append(column.key)
+        headings.setdefault(column.table, set()).add(column.key)
     return [it for it, keys in headings.items() if keys == headings[table]]
 
 

@@ -337,6 +337,8 @@ def test_tables_with_a_command_of_their_own_are_drafted_each(tmp_path: Path) -> 
     still = 0.0 * swing
     servos = {f"servo {k}": table(k * swing, 9.0 * swing) for k in (1, 2)}
     servos |= {"servo 3": table(still, 9.0 * swing)}
+    for number, servo in enumerate(servos.values()):  # one of them does not tell its current
+        servo[:] = [{**row, "current_A": None if number else 0.1} for row in servo]
     path.write_text(json.dumps(servos))
     assert [one.table for one in drafts(path, "smart_servo")] == ["servo 1", "servo 2"]
     assert {m.column.table for m in drafts(path, "smart_servo")[1].matches} == {"servo 2"}
