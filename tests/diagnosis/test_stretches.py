@@ -85,7 +85,7 @@ def test_two_logs_of_one_servo_are_of_one() -> None:
     assert not found.parts
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_log_that_no_fit_sees_is_no_part() -> None:
     """One of two logs is held out: the halves of the other one are compared."""
     goal, half = moves(0), np.arange(len(TIMES)) < len(TIMES) // 2

@@ -29,7 +29,7 @@ from servo_models.core.js_text import js_model
 from servo_models.core.simulate import Model, model
 from servo_models.core.stepper import run_text, step_text
 from servo_models.core.types import Array
-from tests.conftest import MODELS, built_once
+from tests.conftest import MODELS, TWINS, built_once
 from tests.fuzz.parameters import vector
 from tests.support.browser import chromium
 from tests.support.compilers import in_c_only
@@ -307,7 +307,7 @@ FEW = (QUICK, "sg90", "second_order_servo")
 def marks(name: str, executor: str) -> list[pytest.MarkDecorator]:
     found = [in_c_only] if executor == "C" else []
     in_few = {"JavaScript in a browser": (QUICK,), "numba": (QUICK,)}
-    if executor not in EVERYWHERE and name not in in_few.get(executor, FEW):
+    if name in TWINS or (executor not in EVERYWHERE and name not in in_few.get(executor, FEW)):
         return [*found, pytest.mark.long]
     return found if name == QUICK and executor not in SLOW else [*found, pytest.mark.thorough]
 

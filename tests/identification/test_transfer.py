@@ -199,18 +199,18 @@ def test_residuals_are_judged_at_their_own_times_where_samples_are_held_out() ->
     assert late.white < 1e-6
 
 
+def of_the_motor(structures: list[Structure]) -> TransferResult:
+    return identify_transfer(motor_logs(11, noise=5e-4), model=MOTOR, structures=structures)
+
+
 @pytest.fixture(scope="module")
 def chosen_for_the_motor() -> TransferResult:
-    structures = [s for s in STRUCTURES if s.poles <= 4 and s.zeros <= 1]
-    logs = motor_logs(seed=11, noise=5e-4)
-    return identify_transfer(logs, model=MOTOR, structures=structures)
+    return of_the_motor([Structure(2, 0, True), Structure(3, 0, False), Structure(3, 0, True)])
 
 
 @pytest.mark.long
-def test_third_order_with_delay_is_chosen_for_the_torque_motor(
-    chosen_for_the_motor: TransferResult,
-) -> None:
-    found = chosen_for_the_motor
+def test_third_order_with_delay_is_chosen_for_the_torque_motor() -> None:
+    found = of_the_motor([s for s in STRUCTURES if s.poles <= 4 and s.zeros <= 1])
     assert found.chosen.name == "order 3 + delay"
     assert np.all(np.abs(deviations(found.chosen, [*EQ_12, EQ_12_DELAY])) < 3.5)
     assert found.chosen.standard_errors is not None

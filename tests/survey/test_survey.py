@@ -20,7 +20,7 @@ import pytest
 
 from servo_models import survey
 from servo_models.errors import UserError
-from servo_models.survey import job, store
+from servo_models.survey import engine, job, store
 from servo_models.survey.store import Store, read_outcome
 from tests.conftest import Run
 from tests.support.sources import ROOT
@@ -360,7 +360,8 @@ def test_a_scheduler_that_was_killed_is_told_in_one_sentence(tmp_path: Path) -> 
     assert len(told.splitlines()) == 1
 
 
-def test_no_scheduler_there_is_told(tmp_path: Path) -> None:
+def test_no_scheduler_there_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
+    monkeypatch.setattr(engine, "CONNECT_SECONDS", 1.0)
     with pytest.raises(UserError, match="no scheduler of Dask at"):
         survey(broken(tmp_path / "fleet", 1), tmp_path / "out", scheduler="tcp://127.0.0.1:1")
