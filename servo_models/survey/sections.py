@@ -51,6 +51,7 @@ ROW = 0.42  # height of a unit in a picture [inch]
 WORST, WHOSE, LEFT_OUT = "The worst", "Whom causes belong to", "Failed, and notes"
 SPECIFIC = re.compile(r"'([^']*)'|0x[0-9a-f]+|\d+(?:\.\d+)?")
 """What differs between reports of one reason."""
+MEANS = "Means of the units that do not stand out, with the standard deviation between units."
 STOPPED = " Stopped: its search ended early, and a longer one may say something else."
 LEFT = "Left: errors of the diagnosed model [noise floors]. Held out: on logs that no fit has seen."
 SHARES = ("unit share", "episode share", "rest")
@@ -169,15 +170,7 @@ def _worst(survey: Survey) -> Table:
         for it in survey.worst[:MOST_WORST]
         if it.badness[0]
     ]
-    columns = (
-        "unit",
-        "joint",
-        "verdict",
-        "why",
-        "probability",
-        "left",
-        "held out",
-    )
+    columns = ("unit", "joint", "verdict", "why", "probability", "left", "held out")
     return Table("", columns, tuple(rows))
 
 
@@ -267,25 +260,27 @@ def _values(survey: Survey) -> Section:
     except UserError as error:
         missing = [str(error)]
     headings = SHARES if any(splits.values()) else ()
+    several = any(it.common.count > 1 for it in chosen)
     for it in chosen:
         parts = splits.get((it.joint, it.name))
         shares = map(percent, parts.shares) if parts else [""] * len(headings)
         mean = it.common
+        between = quantity(mean.between, it.measure) if mean.count > 1 else None
         rows.append(
             (
                 *(it.joint, it.name, quantity(it.nominal, it.measure)),
                 quantity(mean.mean, it.measure, mean.error),
-                quantity(mean.between, it.measure) if mean.count > 1 else None,
-                *(mean.count, *shares),
+                *((between, mean.count) if several else ()),
+                *shares,
             )
         )
-    columns = ("joint", "parameter", "nominal", "mean", "between", "units", *headings)
+    units = ("between", "units") if several else ()
+    columns = ("joint", "parameter", "nominal", "mean", *units, *headings)
     every = len(survey.variations)
     most = f" The {len(chosen)} of {every} that vary most." if every > len(chosen) else ""
     return Section(
         "Parameters",
-        "Means of the units that do not stand out, with the standard deviation between units."
-        f"{SPLIT * bool(headings)}{most}",
+        f"{MEANS * several}{SPLIT * bool(headings)}{most}",
         (*missing, *map(_outliers, far[:MOST_ITEMS]), *_more(far, MOST_ITEMS)),
         tables=(Table("", columns, tuple(rows)),),
         pictures=tuple(_picture(survey, it) for it in chosen[:MOST_PICTURES]),
