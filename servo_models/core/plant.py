@@ -471,7 +471,8 @@ class Inner(Protocol):
         ...
 
     def only(self, names: frozenset[str]) -> Actuator:
-        """Return the actuator with these outputs of the simulation, and the first one, alone."""
+        """Return the actuator with these outputs of the simulation, and the first one, alone, and
+        without effects on commands that are not among the names."""
         ...
 
 

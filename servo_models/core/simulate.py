@@ -356,8 +356,9 @@ def with_output(chosen: Model, wire: str) -> Model:
 
 
 def of_named(chosen: Model, names: Set[str]) -> Model:
-    """Return the same model without outputs of a simulation that is not ours of which no output,
-    parameter or effect is named, nor a value changed: each that is read costs time."""
+    """Return the same model without outputs of a simulation that is not ours, and effects on its
+    commands, of which nothing is named, nor a value changed: each that is read costs time, and a
+    command that nobody gives has no offset."""
     if not chosen.actuator.inner:
         return chosen
     less = chosen.actuator.inner.only(frozenset(names))

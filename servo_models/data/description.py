@@ -183,7 +183,7 @@ def described(
     logs = _logs(document, chosen, tables or {}, planned)
     free = _free(document, table.free, chosen)
     bounds = _bounds(document.section("bounds"), chosen, uncertainty)
-    named_in_logs = {name for log in logs for name in (*log.outputs, *log.constants)}
+    named_in_logs = {name for log in logs for name in (*log.inputs, *log.outputs, *log.constants)}
     if logs and not table.sweeps:
         chosen = of_named(chosen, named_in_logs.union(uncertainty, free, bounds))
     return Description(

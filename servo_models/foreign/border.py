@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import functools
+from collections.abc import Set
 from dataclasses import replace
 from pathlib import Path
 
@@ -49,10 +50,13 @@ PASSED = pass_{given}
 '''
 
 
-def actuator_around(box: Box, file: Path, settled: float = 0.0) -> Actuator:
+def actuator_around(
+    box: Box, file: Path, settled: float = 0.0, idle: Set[str] = frozenset()
+) -> Actuator:
     """Return the actuator of a box, which ``file`` calls, and the effects around it.
 
-    ``settled`` [s] is its settling time, where that is known.
+    ``settled`` [s] is its settling time, where that is known; ``idle`` are inputs that nobody
+    gives: a command among them has no effects.
 
     Raises:
         ValueError: a signal or a parameter has a name that none can have.
@@ -62,7 +66,7 @@ def actuator_around(box: Box, file: Path, settled: float = 0.0) -> Actuator:
     def only(names: frozenset[str]) -> Actuator:
         less = copy.copy(box)
         less.outputs = (box.outputs[0], *(it for it in box.outputs[1:] if it.name in names))
-        return actuator_around(less, file, settled)
+        return actuator_around(less, file, settled, {it.name for it in box.inputs} - names)
 
     plant = Plant(
         inputs=(
@@ -75,7 +79,7 @@ def actuator_around(box: Box, file: Path, settled: float = 0.0) -> Actuator:
             *(_rate(one, f"{one.name}_rate") for one in box.outputs),
             *(_wire(one, f"sent_{one.name}") for one in box.inputs),
         ),
-        chain=(*_sent(box.inputs), *_read(box.outputs)),
+        chain=(*_sent(box.inputs, idle), *_read(box.outputs)),
         states=tuple(_total(one) for one in box.inputs),
         outputs=(
             *(it.name for it in box.outputs),
@@ -117,10 +121,10 @@ def settling_time(box: Box) -> float:
     return float(times[np.flatnonzero(away)[-1] + 1]) if away.any() else box.stop_time
 
 
-def _sent(inputs: tuple[Signal, ...]) -> tuple[Block | Placement, ...]:
+def _sent(inputs: tuple[Signal, ...], idle: Set[str]) -> tuple[Block | Placement, ...]:
     found: list[Block | Placement] = []
     commands = [one.name for one in inputs if one.unit not in LOADS]
-    for name in commands:
+    for name in (it for it in commands if it not in idle):
         prefix = f"{name}_" if len(commands) > 1 else ""
         found.append(input_scale(f"{prefix}command_gain", name))
         found += effects_on(name, *(f"{prefix}{effect}" for effect in COMMAND))

@@ -428,6 +428,19 @@ def test_readings_that_nobody_names_are_not_simulated(tmp_path: Path, kept: str)
         assert angles[0] == angles[1]
 
 
+def test_a_command_that_no_log_gives_has_no_effects(tmp_path: Path) -> None:
+    """A load that is not logged may be there all the same."""
+    every = '{"goal": "90 deg", "pulse_width": "1 ms", "load": "2 N.m"}'
+    name = first_order(tmp_path, FIRST_ORDER.replace('{"goal": "90 deg"}', every))
+    found, whole = read_description(logged(tmp_path, play=0.0)).model, model(name)
+    idle = {it for it in whole.plant.placements if it.startswith("pulse_width_")}
+    assert "pulse_width_command_offset" in idle
+    assert found.plant.placements.keys() == whole.plant.placements.keys() - idle
+    assert "load_offset" in found.plant.placements
+    angles = [simulate(it, TIMES, {"goal": 0.5})["angle"].tolist() for it in (found, whole)]
+    assert angles[0] == angles[1]
+
+
 def test_what_is_between_a_box_and_its_effects_is_nothing_to_be_given(tmp_path: Path) -> None:
     first_order(tmp_path)
     path = logged(tmp_path, play=0.0)
