@@ -28,6 +28,7 @@ from tests.support.logs import changed, log_of, measured
 
 Values = dict[str, float]
 """Parameters by name [SI]."""
+MOTOR = ("torque_constant", "resistance", "rotor_inertia")
 BUS = ("second_order_servo", "bus")
 KIND = (PARAMETERS, EFFECT, EFFECTS)
 """Verdicts by the number of effects."""
@@ -130,8 +131,17 @@ def coarse_volts(true: Values, step: float) -> Description:
     angle = simulate(changed(motor, true), times, {"voltage": volts})["encoder_angle"]
     reading = angle + noise(1, 1e-3, len(times))
     log = log_of(times, {"voltage": np.round(volts / step) * step}, {"encoder_angle": reading})
-    names = ("torque_constant", "resistance", "rotor_inertia")
-    return described(motor, {name: 0.1 * motor.values[name] for name in names}, log)
+    return described(motor, {name: 0.1 * motor.values[name] for name in MOTOR}, log)
+
+
+def held_volts(period: float) -> Description:
+    """Volts of a geared motor that its driver reads every ``period`` [s], in rows of 0.8 ms."""
+    motor, random = model("dc_motor", "geared"), np.random.default_rng(4)
+    edges = np.cumsum(random.integers(18, 34, 60))  # at uneven times, so that none is an alias
+    volts = random.uniform(-20.0, 20.0, 61)[np.searchsorted(edges, np.arange(1400), "right")]
+    rig = changed(motor, {"torque_constant": 0.0315, "sample_hold.period": period})
+    log = measured(rig, 8e-4 * np.arange(1400), {"voltage": volts}, {"encoder_angle": 0.016})
+    return described(motor, {name: 0.2 * motor.values[name] for name in MOTOR}, log)
 
 
 def loaded_motor(name: str, largest: float, effects: Values) -> Description:
@@ -347,3 +357,10 @@ def test_what_was_planted_is_named_with_its_size(planted: Planted) -> None:
         assert found.gap.rms["after"] < planted.left * found.gap.rms["before"]
         # probabilities are learnt from logs whose commands are known
         assert (found.ranking[0].probability is None) == planted.between_rows
+
+
+@pytest.mark.thorough
+def test_a_period_far_below_the_typical_one_is_found() -> None:
+    found = diagnose(held_volts(2.3e-3), jobs=1)
+    assert found.selection.taken.effects == ("sample_hold",)
+    assert found.selection.taken.values["sample_hold.period"] == pytest.approx(2.3e-3, rel=1e-3)

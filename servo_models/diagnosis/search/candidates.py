@@ -210,9 +210,11 @@ class _Off:
             return []
         if grid.divides == "duration":
             parts = [log.duration + log.settle for log in self.logs]
+            least = min((log.interval for log in self.logs), default=math.inf)
         else:
             parts = [_range(self.model, log, self.wire) for log in self.logs]
-        return on_grid(grid, self.switches[0], max(parts, default=math.inf))
+            least = math.inf
+        return on_grid(grid, self.switches[0], max(parts, default=math.inf), least)
 
 
 def _range(model: Model, log: Log, wire: str) -> float:
@@ -299,14 +301,15 @@ def few(hints: Hints, switches: Iterable[Parameter], shape: Sequence[Parameter])
     return tried
 
 
-def on_grid(grid: Grid, switch: Parameter, divided: float) -> list[Values]:
+def on_grid(grid: Grid, switch: Parameter, divided: float, least: float = math.inf) -> list[Values]:
     """Return the many values of a discontinuous parameter, the largest first.
 
     ``divided`` [SI] is what they divide, infinity where unknown: the range of a signal, or the
-    duration of a log.  The more periods or codes there are, the narrower is the minimum.
+    duration of a log.  The more periods or codes there are, the narrower is the minimum.  Logs show
+    values down to ``least``, where that is less than the end of the grid.
     """
     param = switch.param
-    low = max(grid.low * param.typical, param.low)
+    low = max(min(grid.low * param.typical, least), LEAST_OVER_TYPICAL * param.typical, param.low)
     size = min(grid.high * param.typical, param.high)
     values = []
     while size >= low:

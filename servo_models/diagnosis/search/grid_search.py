@@ -105,7 +105,8 @@ def _listed(full: Candidate, brief: _Part, long: _Part, known: Iterable[Screened
     # the shorter part, if what is left to explain shows there
     part = brief if left > BRIEF_MEAN_SQUARE_RATIO * whole else long
     every = (brief if full.late else long).candidates[full.name].grid
-    likely = _fitting(every, full.name, known)
+    # a hold whose ticks fall on the edges of a command does nothing, one a bit longer does much
+    likely = every if full.late else _fitting(every, full.name, known)
     grid, results = _over_all(full, part, every, likely)
     if not full.late and part is not long:
         results = long.screen(full.name, [it.settings for it in part.best(results, VALUES_IN_LONG)])
