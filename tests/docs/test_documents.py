@@ -110,7 +110,8 @@ def test_the_shares_of_the_readme_are_those_of_the_study() -> None:
 def test_the_real_logs_of_the_readme_are_those_of_the_study() -> None:
     study = (ROOT / "docs" / "studies" / "real_logs.md").read_text(encoding="utf-8")
     measured = study.split("\n## The valve paper")[0].split("\n## ")[1:]
-    outside = [it for it in measured if "**Claimed** (`outside-catalogue`" in it]
+    usual = [it for it in measured if "With the usual tolerance it claims `no-gap`" not in it]
+    outside = [it for it in usual if "**Claimed** (`outside-catalogue`" in it]
     closed = [float(it.split(" which closes ")[1].split(" %")[0]) for it in outside]
     count = ("five", "six", "seven", "eight")[len(outside) - 5]
     told = f"of {count} it closes {min(closed):.0f} to {max(closed):.0f} % of the gap"
