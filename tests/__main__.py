@@ -57,7 +57,7 @@ def main(words: list[str]) -> int:
     """Run what is asked for; its exit code."""
     if words not in ([], ["--all"]):
         return run(words)
-    print(f"on two cores about {9 if words else 3} minutes", flush=True)
+    print(f"on two cores about {20 if words else 6} minutes", flush=True)
     compile_all()
     return run([*PARALLEL, *(WITH_THOROUGH if words else [])])
 

@@ -335,7 +335,6 @@ def test_a_scheduler_that_is_gone_is_told_and_what_was_done_stays(tmp_path: Path
     assert len(survey(fleet, out, jobs=1).outcomes) == 60
 
 
-@pytest.mark.thorough
 @pytest.mark.long
 def test_a_scheduler_that_was_killed_is_told_in_one_sentence(tmp_path: Path) -> None:
     pytest.importorskip("distributed")
