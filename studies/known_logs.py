@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from servo_models.diagnosis.search.selection import TOLERANCE
+from servo_models.data.audit import LEAST_GAP
 
 ROOT = Path(__file__).parent.parent
 REAL = ROOT / "examples" / "real_logs"
@@ -54,7 +54,7 @@ class Case:
     absent: frozenset[str] = frozenset()
     possible: frozenset[str] = frozenset()
     bars: tuple[Bar, ...] = ()
-    tolerance: float = TOLERANCE
+    tolerance: float = LEAST_GAP
     before: str = ""
     remark: str = ""
 

@@ -21,13 +21,13 @@ import numpy as np
 from servo_models.actuators.smart_servo.plant import COUNT
 from servo_models.core.simulate import model, simulate
 from servo_models.data.arrays import describe
+from servo_models.data.audit import LEAST_GAP
 from servo_models.data.description import Description
 from servo_models.diagnosis.search.candidates import candidates
 from servo_models.diagnosis.search.fitting import Fitter
 from servo_models.diagnosis.search.masking import masked_effects
 from servo_models.diagnosis.search.priors import prior_parameters
 from servo_models.diagnosis.search.screening import screening_results
-from servo_models.diagnosis.search.selection import TOLERANCE
 
 ADDED = "load_inertia"
 SHARES = (0.5, 1.5)  # added inertia over the servo's own
@@ -54,7 +54,7 @@ def listed(told: Description) -> bool:
     retuned = fitter.finish(fitter.fit((), ()))
     inertia = [it for it in candidates(told.model, told.logs) if it.name == ADDED]
     screened = screening_results([retuned.linearised], inertia)
-    return bool(masked_effects(fitter, retuned, screened, TOLERANCE))
+    return bool(masked_effects(fitter, retuned, screened, LEAST_GAP))
 
 
 def main() -> int:

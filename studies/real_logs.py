@@ -26,11 +26,11 @@ from pathlib import Path
 import numpy as np
 
 from servo_models.analysis.experiment import display
+from servo_models.data.audit import LEAST_GAP
 from servo_models.data.description import read_description
 from servo_models.diagnosis import summary
 from servo_models.diagnosis.diagnose import Diagnosis, diagnose
 from servo_models.diagnosis.search.fitting import FittedModel
-from servo_models.diagnosis.search.selection import TOLERANCE
 from servo_models.diagnosis.verdict import NO_GAP
 from servo_models.files import write_whole
 from studies.known_logs import CASES, MEAN_ABSOLUTE, PAPERS, REAL, ROOT, Bar, Case
@@ -70,7 +70,7 @@ def diagnosed(case: Case) -> Told:
     found = diagnose(told, case.tolerance, fmu=True)
     found.document()
     seconds = time.perf_counter() - begin
-    usual = found if case.tolerance == TOLERANCE else diagnose(told)
+    usual = found if case.tolerance == LEAST_GAP else diagnose(told)
     return Told(found, seconds, usual)
 
 
@@ -222,7 +222,7 @@ def _usual(found: Diagnosis) -> Iterator[str]:
 def section(case: Case, told: Told) -> list[str]:
     found = told.found
     wrong = list(faults(case, found))
-    asked = "" if case.tolerance == TOLERANCE else f", `--tolerance {case.tolerance:g}`"
+    asked = "" if case.tolerance == LEAST_GAP else f", `--tolerance {case.tolerance:g}`"
     return [
         f"## {case.title}",
         "",

@@ -25,13 +25,13 @@ from typing import Any
 import numpy as np
 
 from servo_models.core.types import Array
+from servo_models.data.audit import LEAST_GAP
 from servo_models.data.description import Description, read_description
 from servo_models.diagnosis.design.commands import FAMILIES, Command
 from servo_models.diagnosis.diagnose import Diagnosis, diagnose
 from servo_models.diagnosis.search.candidates import candidates
 from servo_models.diagnosis.search.fitting import Fitter
 from servo_models.diagnosis.search.priors import prior_parameters
-from servo_models.diagnosis.search.selection import TOLERANCE
 from studies.withheld.generator.cases import CLEAN, Case, draw_case, kind_of, with_log
 from studies.withheld.generator.files import write_case
 from studies.withheld.score import Statistic, share
@@ -138,7 +138,7 @@ def table(rows: Sequence[Row]) -> str:
             for logs in ("one", "two")
         ]
         pairs = [(row["one"]["in_set"], row["two"]["in_set"]) for row in here]
-        far = [row for row in here if row["two"]["left"] > TOLERANCE]
+        far = [row for row in here if row["two"]["left"] > LEAST_GAP]
         failed = [row for row in far if is_failure(row["two"])]
         lines.append(
             f"{tier} | {len(here)} | {' | '.join(shares)}"

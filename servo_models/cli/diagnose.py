@@ -90,17 +90,18 @@ def diagnose(
     """
     from servo_models.cli.console import print_commands, progress, show
     from servo_models.core.stop import BY_CTRL_C
+    from servo_models.data.audit import LEAST_GAP
     from servo_models.data.description import read_description
     from servo_models.data.parameters import write_parameters
     from servo_models.diagnosis.diagnose import diagnose as run
     from servo_models.diagnosis.document import github
-    from servo_models.diagnosis.search.selection import FIRST_ANSWER, TOLERANCE
+    from servo_models.diagnosis.search.selection import FIRST_ANSWER
 
     toml = ((out, ".toml"), (map_, ".toml"))
     check_outputs((json, ".json"), (report, ".html"), *toml, description=description)
     if signals:
         _check_signals(signals, description)
-    allowed = TOLERANCE if tolerance is None else tolerance
+    allowed = LEAST_GAP if tolerance is None else tolerance
     if not isfinite(allowed):
         raise UserError(f"--tolerance {allowed}: give a number of noise floors, such as 2")
     with progress("diagnosing") as bar:

@@ -53,9 +53,10 @@ def identify(
 
     servo-models identify mine.toml --free torque_constant,coulomb_friction --search global
 
-    Ctrl-C ends the search and keeps the best values so far. Exit code 1 where
-    values are not to be believed, which the report then says first, with the
-    reason; 2 where it could not run.
+    Ctrl-C ends the search and keeps the best values so far.
+
+    Exit code 0: done, 1: the values are doubtful, and the report says first why, 2: could not
+    run.
     """
     from servo_models.cli.console import progress, show
     from servo_models.data.description import read_description

@@ -132,14 +132,17 @@ def file_option(about: str) -> Any:
 
 
 def time_option(about: str) -> Any:
-    """Return an option that is a time [s]."""
+    """Return an option that is a time [s], above 0."""
     return typer.Option(metavar="TIME", help=about, parser=_seconds)
 
 
 def _seconds(text: str) -> float:
     from servo_models.units import parse
 
-    return parse(text, "s")
+    seconds = parse(text, "s")
+    if not seconds > 0.0:
+        raise UserError(f"'{text}' is no time above 0 s: give one such as 60s")
+    return seconds
 
 
 Actuator = Annotated[

@@ -8,7 +8,6 @@ from typing import Annotated
 import typer
 
 from servo_models.cli.options import Jobs, Largest, MadeBy, Seed, Trust, file_option, time_option
-from servo_models.errors import UserError
 
 
 def survey(
@@ -68,8 +67,6 @@ def survey(
     from servo_models.files import write_whole
     from servo_models.survey.survey import survey as run
 
-    if time_limit is not None and not time_limit > 0.0:
-        raise UserError(f"--time-limit {time_limit:g} s: give a time of more than 0 s")
     with progress("surveying", lines=True) as bar:
         found = run(
             path,

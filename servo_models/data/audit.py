@@ -27,9 +27,11 @@ from servo_models.data.sensor import (
     noise_floor,
     reading_steps,
     stale_share,
+    usual_range,
     usual_width,
 )
 
+LEAST_GAP = 2.0  # error [noise floors] from which a model has a gap
 EXACT = 1e-6  # least noise floor of a reading over its range
 NO_NOISE = "millionth of the range, no noise"  # origin of such a floor
 MOVES = 10.0  # usual width of a reading over its noise floor above which it moves
@@ -63,8 +65,15 @@ class Audit:
             *self.mistakes,
             *_about_time(self.sampling),
             *_about_commands(self.commands, self.commanded, self.moves),
+            *(text for text in self.clipped if text not in self.mistakes),
             *(text for reading in self.readings for text in _about_reading(reading)),
         )
+
+    @property
+    def clipped(self) -> tuple[str, ...]:
+        """Which readings stay at an end of their range, one sentence each."""
+        told = tuple(text for text in self.mistakes if "saturation" in text.imitated_by)
+        return told or tuple(text for reading in self.readings for text in _about_ends(reading))
 
 
 def audits(logs: Sequence[Log], plant: Plant) -> tuple[Audit, ...]:
@@ -130,7 +139,7 @@ def _steps(logs: Sequence[Log], plant: Plant) -> list[dict[str, Step]]:
 def _audit(log: Log, plant: Plant, steps: Mapping[str, Step]) -> Audit:
     clock = sampling(log)
     readings = tuple(_reading(log, plant.wire[name], steps[name]) for name in log.outputs)
-    commands = tuple(_command(log, plant.wire[name], clock.step, readings) for name in log.inputs)
+    commands = tuple(_command(log, plant, name, clock.step, readings) for name in log.inputs)
     rest = _at_rest(log, plant, readings)
     wrong = tuple(mistakes(log, plant, {name: step.size for name, step in steps.items()}))
     return Audit(log, clock, commands, readings, rest, mistakes=wrong)
@@ -230,6 +239,7 @@ class Command:
         at_limit: share of the samples at a limit of the actuator's input; 0 for a flag.
         band: lowest and highest frequency [Hz] at which it would move an output above its
             noise floor, or None.
+        reach: its largest value over that of the readings of the same position; 0 without such.
     """
 
     name: str
@@ -241,6 +251,7 @@ class Command:
     clock: float | None
     at_limit: float
     band: tuple[float, float] | None
+    reach: float = 0.0
 
 
 def _reading(log: Log, wire: Wire, step: Step) -> Reading:
@@ -260,10 +271,14 @@ def _reading(log: Log, wire: Wire, step: Step) -> Reading:
     )
 
 
-def _command(log: Log, wire: Wire, step: float, readings: Sequence[Reading]) -> Command:
+def _command(
+    log: Log, plant: Plant, name: str, step: float, readings: Sequence[Reading]
+) -> Command:
     """Return how an input was commanded, sampled every ``step`` [s] on average."""
+    wire = plant.wire[name]
     values = log.inputs[wire.name]
     change = np.diff(values)
+    beside = [it for name, it in log.outputs.items() if plant.wire[name].unit == wire.unit]
     moves = np.sign(change[change != 0.0])
     limited = np.ptp(values) and not wire.flag
     low, high = (np.nan if bound is None else bound for bound in (wire.low, wire.high))
@@ -277,7 +292,14 @@ def _command(log: Log, wire: Wire, step: float, readings: Sequence[Reading]) -> 
         clock=_clock(log.times[1:][change != 0.0], step),
         at_limit=float(np.mean((values <= low) | (values >= high))) if limited else 0.0,
         band=_band(log, values, step, readings),
+        reach=_reach(values, beside) if wire.unit in POSITIONS else 0.0,
     )
+
+
+def _reach(command: Array, readings: Sequence[Array]) -> float:
+    """Largest command over the largest reading, single wild ones apart; 0 without a reading."""
+    largest, *others = (max(map(abs, usual_range(it))) for it in (command, *readings))
+    return largest / max(others) if any(others) else 0.0
 
 
 def _clock(changes: Array, step: float) -> float | None:
@@ -316,6 +338,7 @@ def _band(
 
 STALE = 0.2  # share of moving samples that repeat the one before, above which it is told
 CLIPPED = 0.01  # share of samples at a limit, or between reading steps, above which it is told
+TOO_FAR = 10.0  # largest command over the largest reading above which it is asked for its unit
 LEAST_STEPS_PER_RANGE = 10.0  # range of a reading over its step below which it is told
 
 
@@ -357,15 +380,24 @@ def _about_commands(commands: Sequence[Command], commanded: bool, moves: bool) -
                 f"'{command.name}' is at the actuator's limit in {command.at_limit:.1%} of the"
                 " samples: the real command may have gone on; log what was sent, or less of it"
             )
+        if command.reach > TOO_FAR:
+            yield (
+                f"'{command.name}' goes {command.reach:.0f} times as far as anything that was read:"
+                " is it in another unit, such as degrees, or another column? Correct its unit or"
+                " column"
+            )
+
+
+def _about_ends(reading: Reading) -> Iterator[str]:
+    if reading.clipped > CLIPPED:
+        yield (
+            f"'{reading.name}' stays at an extreme in {reading.clipped:.1%} of the samples while"
+            " the command moves on: clipped reading or end stop; log smaller moves"
+        )
 
 
 def _about_reading(reading: Reading) -> Iterator[str]:
     name = reading.name
-    if reading.clipped > CLIPPED:
-        yield (
-            f"'{name}' stays at an extreme in {reading.clipped:.1%} of the samples while the"
-            " command moves on: clipped reading or end stop; log smaller moves"
-        )
     if reading.stale > STALE:
         yield (
             f"'{name}' repeats the value before in {reading.stale:.0%} of the moving samples: it is"

@@ -15,7 +15,6 @@ from servo_models.units import exponents, factor
 LONGEST = 1.0  # longest lag that is looked for [s]
 COARSE = 60  # lags at which errors are computed first
 CLOSE = 1e-5  # tolerance of the lag found [s]
-FOLLOWED = 0.5  # RMS error over the RMS of the reading up to which it follows its command
 
 
 @dataclass(frozen=True)
@@ -27,7 +26,7 @@ class Lag:
         time: shift of the command that leaves the least squared error [s].
         rows: that shift in rows of the logs.
         left: RMS of that error about its mean [SI of the output].
-        follows: most of the reading's motion is that of the command.
+        explained: share of the reading's variance that the command, so shifted, explains.
     """
 
     output: str
@@ -35,16 +34,22 @@ class Lag:
     time: float
     rows: float
     left: float
-    follows: bool
+    explained: float
 
     def sentence(self, wire: Wire) -> str:
         """Return the lag in words; ``wire`` is the output."""
         unit = wire.display or wire.unit
         left = f"{self.left * factor(wire.unit, unit):.3g} {unit} RMS"
-        if not self.follows:
-            return f"{self.output} does not follow {self.command}: {left} are left at any lag"
+        if self.explained <= 0.0:
+            return (
+                f"{self.output} does not follow {self.command}: no lag explains any of its motion,"
+                f" {left} are left"
+            )
         late = f"{1e3 * self.time:.3g} ms ({self.rows:.1f} rows)"
-        return f"{self.output} follows {self.command} {late} later, then {left} apart"
+        return (
+            f"{self.output} follows {self.command} {late} later: that explains"
+            f" {self.explained:.0%} of its variance, {left} are left"
+        )
 
 
 def lag_sentences(logs: Sequence[Log], plant: Plant) -> tuple[str, ...]:
@@ -75,18 +80,17 @@ def lags(logs: Sequence[Log], plant: Plant) -> Iterator[Lag]:
 
 def _lag(logs: Sequence[Log], command: str, output: str) -> Lag | None:
     step = float(np.median(np.concatenate([np.diff(log.readings.times) for log in logs])))
-    readings = [log.outputs[output] for log in logs]
-    moves = float(np.std(np.concatenate(readings)))
+    # rows for which every lag has a command
+    rows = [log.times >= min(LONGEST, 0.5 * log.duration) for log in logs]
+    moves = float(np.std(np.concatenate([it.outputs[output][k] for it, k in zip(logs, rows)])))
     if not moves or all(np.ptp(log.inputs[command]) == 0.0 for log in logs):
         return None
 
     def left(lag: float) -> float:
-        """RMS of the error about its mean in rows for which every lag has a command."""
+        """RMS of the error about its mean."""
         errors = [
-            (reading - np.interp(log.times - lag, log.times, log.inputs[command]))[
-                log.times >= min(LONGEST, 0.5 * log.duration)
-            ]
-            for log, reading in zip(logs, readings)
+            (it.outputs[output] - np.interp(it.times - lag, it.times, it.inputs[command]))[k]
+            for it, k in zip(logs, rows)
         ]
         return float(np.std(np.concatenate(errors)))
 
@@ -94,4 +98,5 @@ def _lag(logs: Sequence[Log], command: str, output: str) -> Lag | None:
     best, spacing = float(min(coarse, key=left)), float(coarse[1])
     ends = (max(best - spacing, 0.0), min(best + spacing, LONGEST))
     best = float(minimize_scalar(left, bounds=ends, options={"xatol": CLOSE}).x)
-    return Lag(output, command, best, best / step, left(best), left(best) <= FOLLOWED * moves)
+    least = left(best)
+    return Lag(output, command, best, best / step, least, 1.0 - (least / moves) ** 2)

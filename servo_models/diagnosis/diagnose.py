@@ -10,7 +10,7 @@ from pathlib import Path
 from servo_models.core.plant import check_known
 from servo_models.core.stop import Stop
 from servo_models.core.workers import Workers
-from servo_models.data.audit import Audit, audits, noise_floors, noise_origins
+from servo_models.data.audit import LEAST_GAP, Audit, audits, noise_floors, noise_origins
 from servo_models.data.description import Description, read_description
 from servo_models.diagnosis import confirm
 from servo_models.diagnosis.gap import gaps, whole_gap
@@ -20,7 +20,7 @@ from servo_models.diagnosis.residual_map import learn
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.search.fitting import Fitter
 from servo_models.diagnosis.search.priors import prior_parameters
-from servo_models.diagnosis.search.selection import TOLERANCE, Tell, select_effects
+from servo_models.diagnosis.search.selection import Tell, select_effects
 from servo_models.diagnosis.settings import DEFAULT, Settings
 from servo_models.diagnosis.stretches import Part, held_out_scores, unlike_parts
 from servo_models.diagnosis.verdict import OUTSIDE, decide
@@ -37,7 +37,7 @@ SHAPE = "the shape of what is left"
 
 def diagnose(
     description: Description | str | Path,
-    tolerance: float = TOLERANCE,
+    tolerance: float = LEAST_GAP,
     seed: int = 0,
     jobs: int | None = None,
     left_out: Iterable[str] = (),
@@ -78,8 +78,8 @@ def diagnose(
         'drive_dead_zone'
         >>> sm.write_parameters(found.parameter_set(), "GAP.toml")
     """
-    if time_limit is not None and not 0.0 <= time_limit < math.inf:
-        raise UserError(f"time limit {time_limit}: give a number of seconds, 0 or more")
+    if time_limit is not None and not 0.0 < time_limit < math.inf:
+        raise UserError(f"time limit {time_limit}: give a number of seconds above 0")
     stop = Stop(math.inf if time_limit is None else time_limit, quick)
     told = description if isinstance(description, Description) else read_description(description)
     left_out = [left_out] if isinstance(left_out, str) else list(left_out)

@@ -18,6 +18,7 @@ import numpy as np
 
 from servo_models.analysis.statistics import rms
 from servo_models.core.types import Array
+from servo_models.data.audit import LEAST_GAP
 from servo_models.diagnosis.gap import DRAWS, not_followed
 from servo_models.diagnosis.residual_regression import (
     NOTHING_TESTED,
@@ -28,7 +29,7 @@ from servo_models.diagnosis.search.crossval import closed
 from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.diagnosis.search.limit_cycle import lacks, unrepeatable
 from servo_models.diagnosis.search.residuals import sure
-from servo_models.diagnosis.search.selection import TOLERANCE, Selection
+from servo_models.diagnosis.search.selection import Selection
 
 NO_GAP = "no-gap"
 PARAMETERS = "parameters"
@@ -124,7 +125,7 @@ def parameters_explain(selection: Selection) -> bool:
     return enough and bool(retuned.problem.free)
 
 
-def decide(selection: Selection, tolerance: float = TOLERANCE) -> Verdict:
+def decide(selection: Selection, tolerance: float = LEAST_GAP) -> Verdict:
     """Return the verdict on what was tried.
 
     ``tolerance`` is the gap [noise floors] that counts as none.

@@ -45,7 +45,7 @@ class OutcomeDocument(Document, frozen=True):
 
     converged: bool
     believable: bool
-    doubts: Annotated[Sequence[str], about("Why the values are not to be believed.")]
+    doubts: Annotated[Sequence[str], about("Why the values are doubtful.")]
     parameter_set: ParametersDocument | None
     result: Annotated[dict[str, Any], about("By the method.")]
 

@@ -1,4 +1,4 @@
-"""When an identification is not to be believed: the one rule behind exit code 1 and its reason.
+"""When an identification is doubtful: the one rule behind exit code 1 and its reason.
 
 A warning is a sentence.  A ``Doubt`` is one after which the values are not to be used; every way to
 identify marks its own so.  Here are those of a fit by simulation: what its errors give, what cannot
@@ -16,7 +16,7 @@ import numpy as np
 from servo_models.analysis.explain import display_scale, display_unit
 from servo_models.core.plant import Parameter
 from servo_models.core.types import Array
-from servo_models.data.audit import audits, noise_floors
+from servo_models.data.audit import LEAST_GAP, audits, noise_floors
 from servo_models.data.sensor import off_neighbours
 from servo_models.identification.linear_inference import Spread
 from servo_models.identification.problem import FAR_DEVIATIONS, WIDER_PRIOR, Free, Problem
@@ -25,10 +25,8 @@ from servo_models.report.numbers import number, with_unit
 from servo_models.report.result import Report
 
 HARDLY = 0.7  # error over the standard deviation of a reading, from which a fit does not follow it
-FAR_LEFT = 100.0  # error [noise floors] from which values make up for what the model lacks
 WILD_SHARE = 0.02  # share of the readings that are few
 WILD_SQUARES = 0.5  # share of the squared errors in these few from which a fit follows them
-LEAST_LEFT = 2.0  # error [noise floors] below which no single reading moves a fit
 NAMED = 3  # single readings that a sentence names
 ALIKE_CORRELATION = 0.95  # correlation from which two estimates cannot be told apart
 ILL_CONDITIONED = 1e3  # largest over smallest singular value of slopes with unit columns
@@ -44,18 +42,20 @@ NOT_DETERMINED = "not determined"
 
 
 def judged(report: Report, warnings: Iterable[str]) -> Report:
-    """Return the report, whose first sentence says why its values are not to be believed."""
+    """Return the report, whose first sentence says why its values are doubtful."""
     reasons = doubts(warnings)
     if not reasons:
         return report
     more = f" ({len(reasons) - 1} more below)" if len(reasons) > 1 else ""
-    sentence = f"Not to be believed: {reasons[0]}{more}. {report.sentence}"
+    sentence = f"Doubtful: {reasons[0]}{more}. {report.sentence}"
     return replace(report, sentence=sentence, passed=False)
 
 
 def about_errors(fit: Identification) -> Iterator[Doubt]:
-    """Doubts that the errors of the fitted model give, one output after another."""
-    floors = noise_floors(audits(fit.logs, fit.fitted.plant))
+    """Doubts that clipped readings give, and the errors of the fitted model for each output."""
+    audited = audits(fit.logs, fit.fitted.plant)
+    yield from (Doubt(f"log '{it.log.name}': {text}") for it in audited for text in it.clipped)
+    floors = noise_floors(audited)
     for name in fit.sigma:
         left = fit.rms(name, "fit")
         values = [log.outputs[name][log.fitted] for log in fit.logs if name in log.outputs]
@@ -65,16 +65,16 @@ def about_errors(fit: Identification) -> Iterator[Doubt]:
                 " of this log: check unit, scale and sign of the column, and that the log is of"
                 f" '{fit.fitted.actuator.name}'"
             )
-        elif left > LEAST_LEFT * floors[name] and (rows := _wild(fit, name)):
+        elif left > LEAST_GAP * floors[name] and (rows := _wild(fit, name)):
             yield Doubt(
                 f"single readings of '{name}' have most of the squared error, so the fit follows"
                 f" them: {rows}; remove these rows, or run 'diagnose' if they are real"
             )
-        elif left > FAR_LEFT * floors[name]:
+        elif (judged := fit.rms(name, fit.judged_part(name)) / floors[name]) > LEAST_GAP:
             yield Doubt(
-                f"what is left of '{name}' is {number(left / floors[name], 2)} times its noise"
-                " floor, so the values make up for something that the model lacks: run 'diagnose',"
-                " or identify another actuator"
+                f"the error of '{name}' is {number(judged, 2)} noise floors: the model lacks"
+                " something, which the values may make up for and their standard errors do not"
+                " include; run 'diagnose', or identify another actuator"
             )
 
 

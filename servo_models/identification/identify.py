@@ -59,7 +59,7 @@ class Outcome(Result):
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """Why its values are not to be believed, a sentence each; none where they are."""
+        """Why its values are doubtful, a sentence each; none where they are not."""
         return doubts(self.result.warnings)
 
     @property

@@ -24,13 +24,13 @@ HELD_OUT = "held out"
 
 
 class Doubt(str):
-    """A warning after which the values are not to be believed."""
+    """A warning after which the values are doubtful."""
 
     __slots__ = ()
 
 
 def doubts(warnings: Iterable[str]) -> tuple[str, ...]:
-    """Return those warnings after which the values are not to be believed."""
+    """Return those warnings after which the values are doubtful."""
     return tuple(text for text in warnings if isinstance(text, Doubt))
 
 
@@ -102,8 +102,13 @@ class Identification(Result):
 
     @property
     def believable(self) -> bool:
-        """Whether no warning says that the values are not to be believed."""
+        """Whether no warning says that the values are doubtful."""
         return not doubts(self.warnings)
+
+    def judged_part(self, output: str) -> str:
+        """Return the part that judges an output: held out, if any of it was."""
+        parts = {row.part for row in self.accuracy if row.output == output}
+        return HELD_OUT if HELD_OUT in parts else FIT
 
     def rms(self, output: str, part: str, stage: str = "after") -> float:
         """Return the RMS error [SI] of an output over all logs of a part.

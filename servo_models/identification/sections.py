@@ -47,7 +47,7 @@ from servo_models.identification.readings import (
     words,
 )
 from servo_models.identification.resolution import supposed
-from servo_models.identification.result import FIT, HELD_OUT, Identification
+from servo_models.identification.result import HELD_OUT, Identification
 from servo_models.report.curves import BUCKETS, DASHED, envelope, shade
 from servo_models.report.estimates import correlation_map, cost_profiles
 from servo_models.report.interchange import conditions
@@ -61,7 +61,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 IN_CARD = 8  # parameters that the answer names; all are in the table
-AT_FLOOR = 1.5  # error over the noise floor up to which a diagnosis could name nothing
 LEAST_BLUR = 0.1  # movement [noise floors] by the resolution of a column, from which it is listed
 OWN_CLOCK = 1.5  # steps from which a command is held for longer than a sample
 EVEN = 1e-4  # share of a step up to which its jitter is rounding
@@ -147,17 +146,11 @@ def with_figures(report: Report, fitted: Model) -> Report:
 # the answer
 
 
-def judged_part(fit: Identification, output: str) -> str:
-    """Return the part that judges an output: held out, if any of it was."""
-    parts = {row.part for row in fit.accuracy if row.output == output}
-    return HELD_OUT if HELD_OUT in parts else FIT
-
-
 def _sentence(fit: Identification) -> str:
     """What was fitted, and the error of the output that comes first."""
     count = len(fit.free)
     output = next(iter(fit.sigma))
-    held_out = judged_part(fit, output) == HELD_OUT
+    held_out = fit.judged_part(output) == HELD_OUT
     error = "held-out error" if held_out else "error (nothing held out)"
     return (
         f"{''.join(f'{text}; ' for text in _surprises(fit))}"
@@ -176,14 +169,14 @@ def _surprises(fit: Identification) -> list[str]:
 
 
 def _better(fit: Identification, output: str) -> bool:
-    part = judged_part(fit, output)
+    part = fit.judged_part(output)
     return fit.rms(output, part) <= fit.rms(output, part, "before")
 
 
 def _change(fit: Identification, output: str) -> str:
     """RMS error before and after in the unit that a person reads."""
     scale, unit = display(fit.fitted.plant.wire[output])
-    part = judged_part(fit, output)
+    part = fit.judged_part(output)
     before, after = (number(scale * fit.rms(output, part, at)) for at in ("before", "after"))
     return with_unit(f"{before} {ARROW} {after}", unit)
 
@@ -214,7 +207,7 @@ def _estimates(fit: Identification) -> Iterator[tuple[Free, Quantity, str]]:
 
 
 def _error_card(fit: Identification, output: str, floor: float | None) -> Card:
-    part = judged_part(fit, output)
+    part = fit.judged_part(output)
     scale, unit = display(fit.fitted.plant.wire[output])
     text = f"{_change(fit, output)} RMS"
     measured = [
@@ -234,26 +227,14 @@ def _next(fit: Identification, floors: Mapping[str, float]) -> list[str]:
     lines = []
     if fit.warnings:
         lines.append("Read the warnings below before using the values.")
-    seen = [words(output) for output in fit.sigma if judged_part(fit, output) != HELD_OUT]
+    seen = [words(output) for output in fit.sigma if fit.judged_part(output) != HELD_OUT]
     if seen:
         lines.append(
             "Hold out a log, or a part of one: no samples of"
             f" {', '.join(seen)} were, so the error on new data is unknown."
         )
-    left = {
-        output: fit.rms(output, judged_part(fit, output)) / floors[output]
-        for output in fit.sigma
-        if floors.get(output)
-    }
-    if left and max(left.values()) > AT_FLOOR:
-        output = max(left, key=left.__getitem__)
-        lines.append(
-            f"Run 'diagnose': what is left of {words(output)} is {number(left[output], 2)} times"
-            " its noise floor, so an effect may be missing."
-        )
-    return lines or [
-        "Use the values" + (": what is left is about the noise floor." if left else ".")
-    ]
+    at_floor = ": the error is about the noise floor" if floors else ""
+    return lines or [f"Use the values{at_floor}."]
 
 
 # what it rests on

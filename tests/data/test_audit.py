@@ -126,7 +126,7 @@ def test_a_clipped_reading_is_told_from_a_shaft_at_rest() -> None:
     square = np.sign(smooth(2000))
     settled = np.round(square * (1.0 - np.exp(-np.arange(2000) % 200 / 10.0)), 3)
     assert clipped_share(settled, square[:, None], 3e-4) == 0.0
-    assert said(audited(0.01 * np.arange(2000), command, reading), "extreme")
+    assert said(audited(0.01 * np.arange(2000), command, reading), "clipped")
 
 
 def stuck(command: Array, band: float, jump: float) -> Array:
@@ -440,3 +440,16 @@ def test_short_rests_count_whole() -> None:
     noise = 1e-3 * np.random.default_rng(1).standard_normal(4000)
     found = audited(times, np.zeros(4000), ramp + noise)
     assert found.at_rest == pytest.approx(0.5, abs=0.03)
+
+
+@pytest.mark.parametrize(
+    ("gain", "asked"), [(1.0, False), (0.2, False), (math.radians(1.0), True), (0.03, True)]
+)
+def test_a_command_far_beyond_all_readings_is_asked_for_its_unit(gain: float, asked: bool) -> None:
+    """As degrees read as radians go, or a column of something else; a slow servo does not."""
+    plant = Plant((Wire("goal", "rad", ""),), (Wire("y", "rad", ""),), (), (), ("y",))
+    times, goal = 0.01 * np.arange(2000), 30.0 * smooth(2000)
+    reading = gain * np.roll(goal, 5) + 1e-3 * np.random.default_rng(4).standard_normal(2000)
+    (audit,) = audits([logs.log_of(times, {"goal": goal}, {"y": reading})], plant)
+    assert said(audit, "is it in another unit") is asked
+    assert audit.commands[0].reach == pytest.approx(1.0 / gain, rel=0.05)

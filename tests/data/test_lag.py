@@ -34,16 +34,30 @@ def found(*logs: Log) -> Lag:
 def test_a_delay_is_found_whatever_the_offset(late: float) -> None:
     noise = 0.01 * np.random.default_rng(2).standard_normal(len(TIMES))
     lag = found(*log(wave(TIMES - late) + 0.3 + noise))
-    assert (lag.output, lag.command, lag.follows) == ("angle_reading", "goal", True)
+    assert (lag.output, lag.command) == ("angle_reading", "goal")
+    assert lag.explained > 0.99
     assert lag.time == pytest.approx(late, abs=3e-3)
     assert lag.rows == pytest.approx(late / STEP, abs=0.15)
     assert lag.left == pytest.approx(0.01, rel=0.15)
     assert "follows goal" in lag.sentence(BUS.plant.wire["angle_reading"])
 
 
+@pytest.mark.parametrize("share", [0.9, 0.4])
+def test_it_says_how_much_of_the_motion_the_lag_explains(share: float) -> None:
+    """A wave that the command does not have beside one that it has, of known variances."""
+    followed = wave(TIMES - 0.1)
+    other = np.sin(11.0 * TIMES)
+    other *= np.std(followed) * np.sqrt((1.0 - share) / share) / np.std(other)
+    lag = found(*log(followed + other))
+    assert lag.explained == pytest.approx(share, abs=0.05)
+    sentence = lag.sentence(BUS.plant.wire["angle_reading"])
+    assert f"follows goal {1e3 * lag.time:.3g} ms" in sentence
+    assert f"{lag.explained:.0%} of its variance" in sentence
+
+
 def test_what_does_something_else_does_not_follow() -> None:
     lag = found(*log(np.sin(11.0 * TIMES)))
-    assert not lag.follows
+    assert lag.explained < 0.0
     assert "does not follow goal" in lag.sentence(BUS.plant.wire["angle_reading"])
 
 

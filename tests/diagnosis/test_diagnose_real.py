@@ -11,9 +11,9 @@ from typing import Protocol
 import numpy as np
 import pytest
 
+from servo_models.data.audit import LEAST_GAP
 from servo_models.diagnosis import summary
 from servo_models.diagnosis.diagnose import Diagnosis, diagnose
-from servo_models.diagnosis.search.selection import TOLERANCE
 from servo_models.diagnosis.verdict import OUTSIDE
 
 pytestmark = pytest.mark.thorough
@@ -21,7 +21,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples" / "real_logs" / "diagnosis"
 
 
 class Diagnosed(Protocol):
-    def __call__(self, name: str, tolerance: float = TOLERANCE) -> Diagnosis: ...
+    def __call__(self, name: str, tolerance: float = LEAST_GAP) -> Diagnosis: ...
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +30,7 @@ def diagnosed(logs_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Di
     folder = tmp_path_factory.mktemp("descriptions")
     found: dict[tuple[str, float], Diagnosis] = {}
 
-    def of(name: str, tolerance: float = TOLERANCE) -> Diagnosis:
+    def of(name: str, tolerance: float = LEAST_GAP) -> Diagnosis:
         if (name, tolerance) not in found:
             text = (EXAMPLES / name).read_text(encoding="utf-8")
             (folder / name).write_text(text.replace('"../logs/', f'"{logs_folder.as_posix()}/'))

@@ -90,6 +90,17 @@ def test_the_counts_of_actuators_and_effects() -> None:
         assert f"{words[len(actuators())]} actuators".lower() in text.lower()
 
 
+def test_the_two_commands_of_the_readme_stand_first_and_ci_calls_its_tests() -> None:
+    """``.ci/run`` calls the test command with one word more."""
+    first, second = (
+        line.partition("#")[0].split() for line in code_blocks(README, "")[0].splitlines()
+    )
+    assert first == ["python", "build_fmu.py"]
+    lines = (ROOT / ".ci" / "run").read_text(encoding="utf-8").splitlines()
+    assert [line.split()[:-1] for line in lines if "-m tests" in line] == [second]
+    assert README.index("build_fmu.py") < README.index("pip install")
+
+
 def test_the_shares_of_the_readme_are_those_of_the_study() -> None:
     study = (ROOT / "docs" / "studies" / "blind.md").read_text(encoding="utf-8")
     tiers = [study.split(f"## {tier}, 300 cases")[1].split("\n## ")[0] for tier in ("Easy", "Hard")]

@@ -1,4 +1,4 @@
-"""``identify`` exits 1 where its values are not to be believed, and says so first.
+"""``identify`` exits 1 where its values are doubtful, and says so first.
 
 Logs are simulated with a servo that is known, and then one fault is put in.
 """
@@ -16,7 +16,7 @@ from tests.conftest import Run
 from tests.support.bench_log import NOISE, laid_out
 from tests.support.exact_motor import STEP, TRUE, prbs, rig
 
-DISBELIEVED = "Not to be believed"
+DISBELIEVED = "Doubtful"
 COUNT, HOLD = 1500, 100
 NOISE_OF_READING = 1e-3  # rad
 DESCRIPTION = """
@@ -80,16 +80,17 @@ def test_a_constant_on_its_bound_is_not_believed(run: Run, tmp_path: Path) -> No
     np.savetxt(tmp_path / "log.csv", table, "%.9g", delimiter=",", header=head, comments="")
     code, out, _ = run("identify", path)
     assert code == 1
-    assert f"{DISBELIEVED}: 'friction_coefficient' sits on its low bound" in first_lines(out)
+    assert DISBELIEVED in first_lines(out)
+    assert "'friction_coefficient' sits on its low bound" in " ".join(out.split())
     assert "'friction_coefficient' is not excited" not in out
 
 
-def test_hundreds_of_noise_floors_are_not_believed(run: Run, tmp_path: Path) -> None:
+def test_a_gap_of_any_size_is_said_first(run: Run, tmp_path: Path) -> None:
     """A smart servo has a motor and a controller, and is no second order with limits."""
     code, out, _ = run("identify", described(tmp_path, ("smart_servo", "xl330"), noise=1e-5))
     assert code == 1
     assert DISBELIEVED in first_lines(out)
-    assert "times its noise floor" in first_lines(out)
+    assert "noise floors: the model lacks something" in first_lines(out)
 
 
 @pytest.mark.thorough

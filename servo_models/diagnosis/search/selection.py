@@ -19,6 +19,7 @@ from math import inf, log
 import numpy as np
 
 from servo_models.core.stop import AT_FIRST_ANSWER, Stop
+from servo_models.data.audit import LEAST_GAP
 from servo_models.diagnosis.search.candidates import Candidate, candidates
 from servo_models.diagnosis.search.crossval import CrossValidation, advantage, consistency
 from servo_models.diagnosis.search.fitting import (
@@ -46,7 +47,6 @@ from servo_models.diagnosis.search.screening import (
     survey,
 )
 
-TOLERANCE = 2.0  # gap [noise floors] that counts as none
 FIRST_ALONE = 4  # effects fitted first, before it is asked whether the others could do as well
 SAME_COSINE = 0.99  # cosine between two changes of the response from which they are the same
 
@@ -107,7 +107,7 @@ def select_effects(
     fitter: Fitter,
     left_out: Iterable[str] = (),
     tell: Tell | None = None,
-    tolerance: float = TOLERANCE,
+    tolerance: float = LEAST_GAP,
 ) -> Selection:
     """Explain a gap by nominal parameters, by one effect, or by several.
 

@@ -326,6 +326,8 @@ class Rig:
         except UserError as error:
             return _failed(case, str(error))
         verdict, weights = found.verdict, {}
+        if found.stopped and verdict.kind == OUTSIDE:  # nothing was told yet
+            return _failed(case, f"stopped {found.stopped}, before an answer: give it more time")
         if verdict.kind not in (NO_GAP, PARAMETERS, OUTSIDE):
             weights = {name: verdict.weights[name] for name in verdict.members}
         named = list(found.selection.taken.effects)
