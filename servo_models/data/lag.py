@@ -14,6 +14,7 @@ from servo_models.units import exponents, factor
 
 LONGEST = 1.0  # longest lag that is looked for [s]
 COARSE = 60  # lags at which errors are computed first
+FOLLOWED = 0.75  # share of a reading's variance from which it follows its command
 CLOSE = 1e-5  # tolerance of the lag found [s]
 
 
@@ -35,6 +36,11 @@ class Lag:
     rows: float
     left: float
     explained: float
+
+    @property
+    def follows(self) -> bool:
+        """Whether most of the reading's motion is that of the command."""
+        return self.explained >= FOLLOWED
 
     def sentence(self, wire: Wire) -> str:
         """Return the lag in words; ``wire`` is the output."""

@@ -279,7 +279,8 @@ def test_an_action_that_is_no_goal_is_told(run: Run, tmp_path: Path) -> None:
     recorded = [(np.gradient(state, axis=0), state) for _, state in episodes(200)]
     code, out = init(run, data_set(tmp_path / "set", recorded))
     assert code == 1
-    assert "angle_reading does not follow goal" in out
+    shares = [int(share) for share in re.findall(r"explains (\d+)% of its variance", out)]
+    assert shares and max(shares) < 75
 
 
 def test_a_real_data_set(run: Run, logs_folder: Path, tmp_path: Path) -> None:
