@@ -385,10 +385,9 @@ class Variant:
     ``uncertainty`` holds relative standard deviations (prior) of its parameters;
     ``stop_time`` and ``step_size`` [s] are its default experiment where the actuator's is
     not for it.  ``command`` is the input that moves it where that is not the actuator's main one:
-    standard steps are of that input, and ``check --init`` proposes the variant for a log of it.
-    ``checked`` holds from where to
-    where [SI] inputs went while it was checked against measurements or a data sheet, the others at
-    rest; it is empty where it never was.
+    its standard step is of that input, and ``check --init`` proposes the variant for a log of it.
+    ``checked`` holds from where to where [SI] inputs went while it was checked against measurements
+    or a data sheet, the others at rest; it is empty where it never was.
     """
 
     name: str
