@@ -18,7 +18,7 @@ from servo_models.report.live import Live
 def index_html(model: Model, form: Form) -> str:
     """Return the page: what the FMU is, how it is run, the model to drive, its equations."""
     sheet = actuator_sheet(model.actuator, model.variant, model.values)
-    main = model.plant.wire[model.actuator.step[0]]
+    main = model.plant.wire[model.step[0]]
     texts = (
         described(model),
         "An input that the host does not set keeps its start value. That is rest, but for"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -39,12 +39,12 @@ class Variable:
 def variables(model: Model) -> list[Variable]:
     """Return inputs, outputs, parameters; the index of each is its value reference.
 
-    The main input starts at its standard step, if that is inside its bounds, and the others at
-    rest: in a host that sets no input something moves.
+    The variant's command starts at its standard step, if that is inside its bounds, and the others
+    at rest, as ``simulate`` leaves them: in a host that sets no input something moves.
     """
     plant = model.plant
     return [
-        *(_of_wire(wire, "input", start_of(wire, model)) for wire in plant.inputs),
+        *(_of_wire(_told(wire, model), "input", start_of(wire, model)) for wire in plant.inputs),
         *(_of_wire(plant.wire[name], "output") for name in plant.outputs),
         *(_of_parameter(p, model.values[name]) for name, p in plant.parameters.items()),
     ]
@@ -52,9 +52,19 @@ def variables(model: Model) -> list[Variable]:
 
 def start_of(wire: Wire, model: Model) -> float:
     """Return the start value of an input [SI]."""
-    name, value = model.actuator.step
+    name, value = model.step
     stepped = wire.name == name and not is_outside(np.array([value]), wire).any()
     return value if stepped else float(wire.rest)
+
+
+def _told(wire: Wire, model: Model) -> Wire:
+    """Return an input that says so where it is the command of other variants only."""
+    actuator = model.actuator
+    commands = {actuator.step[0], *(variant.command for variant in actuator.variants)}
+    if wire.name not in commands - {model.step[0]}:
+        return wire
+    clause = f"not the command of variant '{model.variant}': starts at rest"
+    return replace(wire, about=f"{wire.about}; {clause}")
 
 
 def _of_wire(wire: Wire, causality: str, start: float | None = None) -> Variable:

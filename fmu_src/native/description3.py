@@ -46,7 +46,7 @@ def terminals_and_icons(model: Model, form: Form) -> bytes:
 
     A member is called like its variable, and partners are matched by these names.
     """
-    terminals = {"command": (model.actuator.step[0],), **model.plant.terminals}
+    terminals = {"command": (model.step[0],), **model.plant.terminals}
     root = ET.Element("fmiTerminalsAndIcons", fmiVersion=form.version.name)
     picture = ET.SubElement(root, "GraphicalRepresentation")
     ET.SubElement(picture, "Icon", x1="-100", y1="-100", x2="100", y2="100")

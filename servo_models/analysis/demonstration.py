@@ -118,7 +118,7 @@ def _runs(effect: str) -> Iterator[Demonstration]:
                     _shown(place, active),
                     without,
                     changed,
-                    (place.actuator.step[0], place.actuator.plant.outputs[0]),
+                    (place.actuator.step_of()[0], place.actuator.plant.outputs[0]),
                 )
 
 
@@ -129,7 +129,7 @@ def _depth(place: Place) -> tuple[bool, float]:
 
 
 def _run(actuator: Actuator, parameters: dict[str, float], load: float) -> Result:
-    name, value = actuator.step
+    name, value = actuator.step_of()
     wires = actuator.plant.wire
     rest = float(wires[name].rest)
     chosen = model(actuator, None, parameters)
@@ -170,7 +170,7 @@ def portrait(name: str, variant: str | None = None) -> Figure:
     if is_actuator(name):
         chosen = model(name, variant)
         times = np.linspace(0.0, chosen.stop_time, POINTS)
-        return pictures.response(simulate(chosen, times, dict([chosen.actuator.step])))
+        return pictures.response(simulate(chosen, times, dict([chosen.step])))
     effect = effect_name(name)
     shown = demonstrate(effect)
     actuator = shown.place.actuator

@@ -28,7 +28,7 @@ def step(
     Args:
         chosen: from ``model``.
         inputs: values after the step by name, numbers in SI or strings such as ``"2 ms"``;
-            default the actuator's standard step.
+            default the standard step of the variant.
         stop, dt: end of the run and communication step, in s or with a unit; default the
             actuator's.
 
@@ -37,7 +37,7 @@ def step(
             is not positive.
     """
     actuator = chosen.actuator
-    given = dict(inputs or [actuator.step])
+    given = dict(inputs or [chosen.step])
     wires = {wire.name: wire for wire in chosen.plant.settable}
     check_known("input", given, wires, f"actuator '{actuator.name}'")
     values = {name: _input(wires[name], value) for name, value in given.items()}

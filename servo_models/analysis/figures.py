@@ -175,7 +175,7 @@ def figures(
         >>> round(merits.small.bandwidth, 2), round(merits.small.delay, 4)  # Hz, s
         (3.55, 0.0648)
     """
-    (main, size), output = model.actuator.step, model.plant.outputs[0]
+    (main, size), output = model.step, model.plant.outputs[0]
     wires, given = {wire.name: wire for wire in model.plant.inputs}, at or {}
     check_known("input", given, wires, f"actuator '{model.actuator.name}'")
     point = {n: _parsed(f"input '{n}'", value, wires[n].unit) for n, value in given.items()}
@@ -298,7 +298,7 @@ def _small(
 
 def _amplitude(model: Model, value: float | str, gain: float) -> float:
     """Amplitude of the main input [SI], also where it is told as one of the output."""
-    main = model.plant.wire[model.actuator.step[0]]
+    main = model.plant.wire[model.step[0]]
     output = model.plant.wire[model.plant.outputs[0]]
     try:
         return _above_0("amplitude", value, main.unit)

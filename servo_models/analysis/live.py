@@ -124,7 +124,7 @@ def live_model(
             begins with the last.
         errors: standard errors [SI] of parameters.
         shown: parameters, and effects, that stand first.
-        runs: logs; without any a step of ``actuator.step`` drives it.
+        runs: logs; without any the standard step drives it.
         floors: noise floors [SI] by output.
 
     Raises:
@@ -150,7 +150,7 @@ def live_model(
         )
         for name in model.values
     )
-    name, size = actuator.step
+    name, size = model.step
     driven = plant.wire[name]
     return LiveModel(
         name=f"{actuator.name}, {model.variant}",

@@ -173,7 +173,7 @@ def small_signals(models: Mapping[str, Model], at: Mapping[str, float] | None = 
         UserError: see ``linearise`` and ``simulate``.
     """
     first = next(iter(models.values()))
-    command, size = first.actuator.step
+    command, size = first.step
     wires, output = first.plant.wire, first.plant.outputs[0]
     scale, unit = _time_scale(np.array([0.0, first.stop_time]))
     times = np.linspace(0.0, first.stop_time, POINTS)

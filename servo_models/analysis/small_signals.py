@@ -177,8 +177,8 @@ class SmallSignals:
         """
         if np.any(self._gaps()[1] < 1e-3 * base._gaps()[1]):
             return True
-        actuator = self.model.actuator
-        route = (1.0 / self.model.stop_time, actuator.step[0], self.model.plant.outputs[0])
+        model = self.model
+        route = (1.0 / model.stop_time, model.step[0], model.plant.outputs[0])
         gains = [abs(one.linear({}).response(*route)[0]) for one in (self, base)]
         return bool(gains[0] < 1e-3 * gains[1])
 

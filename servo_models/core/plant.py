@@ -11,12 +11,13 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from servo_models.core.block import RESERVED, SIGNAL, TIME, Bench, Block, Param, check_name
-from servo_models.core.bounds import outside
+from servo_models.core.bounds import inside, outside
 from servo_models.core.flat import owned
 from servo_models.errors import UserError, did_you_mean
 from servo_models.units import factor
 
 TIME_AXIS = "time"  # what tables and FMI masters call their first column
+STEP_IN_SCALES = 0.5  # step of a command for which no other was given, over its full scale
 _DEVICE = re.compile(r"con|prn|aux|nul|com\d|lpt\d")  # names that Windows keeps for devices
 
 
@@ -384,9 +385,9 @@ class Variant:
     ``uncertainty`` holds relative standard deviations (prior) of its parameters;
     ``stop_time`` and ``step_size`` [s] are its default experiment where the actuator's is
     not for it.  ``command`` is the input that moves it where that is not the actuator's main one:
-    ``check --init`` proposes the variant for a log of that input.  ``checked`` holds from where to
-    where [SI] inputs went while it was checked against measurements or a data sheet, the others at
-    rest; it is empty where it never was.
+    its standard step is of that input, and ``check --init`` proposes the variant for a log of it.
+    ``checked`` holds from where to where [SI] inputs went while it was checked against measurements
+    or a data sheet, the others at rest; it is empty where it never was.
     """
 
     name: str
@@ -492,7 +493,7 @@ class Actuator:
             a variant does not name has the default of its ``Param``.
         stop_time, step_size: default experiment [s].
         step: name of the main input, its value [SI] in the standard step, to which it goes from
-            its ``rest``.
+            its ``rest``; ``step_of`` is that of a variant.
         grey_box: how its constants follow from a transfer function, where somebody solved that.
         general: it stands for a kind of actuator, not for one that is made: ``check --init``
             proposes it only where no other fits.
@@ -566,6 +567,17 @@ class Actuator:
     def plant_of(self, variant: str | None = None) -> Plant:
         """Return the plant that a variant runs on."""
         return self.variant(variant).plant or self.plant
+
+    def step_of(self, variant: str | None = None, command: str = "") -> tuple[str, float]:
+        """Return the command of a variant, or another one, and its value [SI] in the standard step.
+
+        A command that is not the main input steps by half of its full scale, within its bounds.
+        """
+        name = command or self.variant(variant).command or self.step[0]
+        if name == self.step[0]:
+            return self.step
+        wire = self.plant_of(variant).wire[name]
+        return name, inside(float(wire.rest) + STEP_IN_SCALES * wire.scale, wire)
 
     def values(
         self, variant: str | None = None, overrides: Mapping[str, float] | None = None

@@ -174,6 +174,11 @@ class Model:
         return self.actuator.variant(self.variant).step_size or self.actuator.step_size
 
     @property
+    def step(self) -> tuple[str, float]:
+        """Command of the variant and its value [SI] in the standard step."""
+        return self.actuator.step_of(self.variant)
+
+    @property
     def warning(self) -> str:
         """What is wrong with the variant's values, "" for nothing and for values not its own."""
         return "" if self.provenance else self.actuator.variant(self.variant).warning

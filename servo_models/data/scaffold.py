@@ -65,7 +65,7 @@ class Draft:
     @property
     def main(self) -> str:
         """Name of the input that moves it."""
-        return self.variant.command or self.actuator.step[0]
+        return self.actuator.step_of(self.variant.name)[0]
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -210,12 +210,18 @@ def _tells_motion(match: Match, plant: Plant) -> bool:
 def _draft(path: Path, columns: Sequence[Column], actuator: Actuator, given: bool) -> Draft:
     """The draft of the variant and table that fit best as outputs; inputs may be in others."""
     tables = list(dict.fromkeys(column.table for column in columns))
-    variants = [actuator.variants[0], *(it for it in actuator.variants if it.command)]
+    offered = given or is_servo(actuator)  # the goal of a servo looks like that of a motor's loop
+    variants = [actuator.variants[0], *(it for it in actuator.variants if it.command and offered)]
     motors = _motors_in(path)
     variants = [it for it in actuator.variants if it.name in motors] or variants
     blank = [Draft(path, actuator, variant, given, None, (), ()) for variant in variants]
     made = [_filled(draft, columns, table) for draft in blank for table in tables]
     return max(made, key=_score)
+
+
+def is_servo(actuator: Actuator) -> bool:
+    """Whether it reads the angle of a joint, which a motor by itself does not."""
+    return READING in actuator.plant.outputs
 
 
 def _motors_in(path: Path) -> set[str]:
@@ -348,7 +354,7 @@ def _through_the_model(match: Match, actuator: Actuator) -> tuple[str, float, fl
     end; the first number is taken for rest.
     """
     plant, wire = actuator.plant, match.wire
-    name, size = actuator.step
+    name, size = actuator.step_of()
     unit = wire.display or wire.unit
     to_unit, rest = factor(wire.unit, unit), float(wire.rest)
     wanted = _dimension(match.unit)
@@ -393,6 +399,7 @@ def _resting(wire: Wire) -> str:
 # Which column is which signal
 
 TIME = {"t", "time", "times", "timestamp", "stamp", "zeit", "temps", "clock"}
+READING = "angle_reading"  # output of a servo that is the angle of its joint
 COMMAND = {"cmd", "command", "commanded", "ref", "reference", "goal", "target", "setpoint"}
 COMMAND |= {"desired", "sp", "demand", "soll", "u", "input", "action"}
 MEASURED = {"meas", "measured", "actual", "act", "present", "ist", "feedback", "y", "output"}

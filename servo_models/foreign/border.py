@@ -14,7 +14,16 @@ from servo_models.actuators.wiring import input_scale, outside_sensor
 from servo_models.core.block import Block, Param
 from servo_models.core.catalogue import effects_on
 from servo_models.core.own_actuator import executed
-from servo_models.core.plant import Actuator, Placement, Plant, State, Variant, Wire, internal_step
+from servo_models.core.plant import (
+    STEP_IN_SCALES,
+    Actuator,
+    Placement,
+    Plant,
+    State,
+    Variant,
+    Wire,
+    internal_step,
+)
 from servo_models.errors import UserError
 from servo_models.foreign.box import Around, Box, Signal
 
@@ -32,7 +41,6 @@ COMMAND = (
 """Effects on a command, in the order in which they act."""
 LOADS = ("N.m", "N")  # units of inputs that are no commands
 DISPLAY = {"rad": "deg", "rad/s": "deg/s"}
-STEP_IN_SIZES = 0.5  # of the command
 RANGE = 10.0  # start values to either side up to which a parameter without bounds may go
 FASTEST = 100.0  # full scales a second that hardly any actuator moves
 SETTLED = 0.02  # of a step
@@ -102,7 +110,7 @@ def actuator_around(
         variants=(Variant("given", "as the file has it", {}, "the file"),),
         stop_time=box.stop_time,
         step_size=box.step,
-        step=(command.name, command.rest + STEP_IN_SIZES * command.size),
+        step=(command.name, command.rest + STEP_IN_SCALES * command.size),
         file=file,
         inner=Around(box, functools.cache(only)),
     )
@@ -112,7 +120,7 @@ def settling_time(box: Box) -> float:
     """Return how long a step of the command takes to settle [s], or as long as it is looked at."""
     times = np.linspace(0.0, box.stop_time, ROWS)
     inputs = np.tile([it.rest for it in box.inputs], (ROWS, 1))
-    inputs[:, 0] += STEP_IN_SIZES * box.inputs[0].size
+    inputs[:, 0] += STEP_IN_SCALES * box.inputs[0].size
     try:
         out = box.run({it.name: it.size for it in box.parameters}, times, inputs)[:, 0]
     except UserError:  # whoever simulates it is told

@@ -175,7 +175,7 @@ def _share(text: object) -> str:
 
 
 def _about_held_inputs(model: Model, log: Log) -> Iterator[str]:
-    main = model.actuator.step[0]
+    main = model.step[0]
     for wire in model.plant.inputs:
         values = log.inputs.get(wire.name, log.constants.get(wire.name))
         if wire.name == main or wire.flag or values is None or not isinstance(wire.rest, float):
@@ -524,7 +524,7 @@ def _misfit(pairs: Mapping[str, _Pair]) -> float:
 
 def answer_time(model: Model) -> float:
     """Time [s] in which the first output answers the standard step; that of its run at most."""
-    name, size = model.actuator.step
+    name, size = model.step
     times = np.linspace(0.0, model.stop_time, 1001)  # a time is needed to a percent
     try:
         response = simulate(model, times, {name: size})[model.plant.outputs[0]]

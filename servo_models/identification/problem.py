@@ -369,12 +369,12 @@ class Problem:
     def moving_input(self) -> tuple[int, float, float]:
         """Which input is the command, and its least and largest value [SI].
 
-        It is the actuator's main one.  Where that never moves, it is the one that moves most for
+        It is that of the variant.  Where that never moves, it is the one that moves most for
         its scale; one that says yes or no is none.
         """
         inputs = np.vstack([run.inputs for run in self.runs])
         low, high = inputs.min(axis=0), inputs.max(axis=0)
-        wires, main = self.model.plant.inputs, self.model.actuator.step[0]
+        wires, main = self.model.plant.inputs, self.model.step[0]
         reach = [
             0.0 if wire.flag else np.inf if wire.name == main and span else span / wire.scale
             for wire, span in zip(wires, high - low)

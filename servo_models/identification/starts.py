@@ -173,7 +173,7 @@ def _fitted(model: Model, log: Log) -> Iterator[Log]:
 
 def _held_before(model: Model, log: Log, shaft: Shaft, hold: float) -> dict[str, float]:
     """The command at which the model settles where the log begins; none if it settles nowhere."""
-    command, size = model.actuator.step
+    command, size = model.step
     if command not in log.inputs:
         return {}
     wire = model.plant.wire[command]

@@ -81,7 +81,7 @@ def _target(reading: Nominal) -> tuple[Actuator, str]:
     for actuator in actuators().values():
         for variant in actuator.variants:
             plant = actuator.plant_of(variant.name)
-            command = plant.wire[variant.command or actuator.step[0]]
+            command = plant.wire[actuator.step_of(variant.name)[0]]
             if command.unit == reading.command and reading.values.keys() <= plant.parameters.keys():
                 holds = all(
                     plant.parameters[name].param.low <= value <= plant.parameters[name].param.high

@@ -105,9 +105,8 @@ def servo_of(model: Model, logged: Sequence[Log] = ()) -> Servo:
     """Return a model as a servo."""
     plant = model.plant
     wires = {wire.name: wire for wire in plant.inputs}
-    usual = model.actuator.variant(model.variant).command or model.actuator.step[0]
     given = [it for log in logged for it in log.inputs if wires[it].unit in ("rad", "s")]
-    command = wires[next((it for it in given if not wires[it].flag), usual)]
+    command = wires[next((it for it in given if not wires[it].flag), model.step[0])]
     shaft = plant.terminals.get("shaft", ())
     angles = [it for it in shaft if it in plant.outputs and plant.wire[it].unit == "rad"]
     if command.unit not in ("rad", "s") or not angles or INERTIA not in plant.wire:
@@ -119,7 +118,7 @@ def servo_of(model: Model, logged: Sequence[Log] = ()) -> Servo:
     inertia = float(simulate(with_output(model, INERTIA), [0.0])[INERTIA][0])
     if command.unit == "rad":
         return Servo(model, command, angles[0], 1.0, 0.0, inertia)
-    size = model.actuator.step[1] - float(command.rest)
+    size = _step_size(model, command)
     off = {switch: 0.0 for place in plant.placements for switch in _switches(model, place)}
     plain = replace(model, values={**model.values, **off})
     ends = [float(command.rest) + side * size for side in (-1.0, 1.0)]
@@ -131,6 +130,10 @@ def servo_of(model: Model, logged: Sequence[Log] = ()) -> Servo:
     return Servo(model, command, angles[0], slope, ends[0] - low / slope, inertia)
 
 
+def _step_size(model: Model, command: Wire) -> float:
+    return model.actuator.step_of(model.variant, command.name)[1] - float(command.rest)
+
+
 def excited(servo: Servo, loaded: bool) -> Run:
     """Return the response to large and small steps, one of them under load, and to a sine sweep.
 
@@ -139,9 +142,7 @@ def excited(servo: Servo, loaded: bool) -> Run:
     model, wire = servo.model, servo.command
     step = min(model.step_size, LONGEST_STEP_S)
     count = int(np.ceil(0.5 * model.stop_time / step))
-    size = model.actuator.step[1] - float(model.plant.wire[model.actuator.step[0]].rest)
-    if wire.name != model.actuator.step[0]:
-        size = 0.5 * wire.scale
+    size = _step_size(model, wire)
     held = (1.0, -1.0, -1.0 + SMALL_STEP, 0.0, 0.0, SMALL_STEP)
     steps = np.repeat(held, count)
     share = np.linspace(0.0, 1.0, 2 * count)

@@ -567,6 +567,25 @@ def test_the_actuator_is_one_that_has_a_command_and_a_reading_of_these_words(
     assert read_description(target).actuator.name == actuator
 
 
+@pytest.mark.parametrize(
+    ("heading", "given", "proposed"),
+    [
+        (
+            "t,position_command,encoder_angle",
+            "dc_motor_speed",
+            ("dc_motor_speed", "odrive_position"),
+        ),
+        ("t,speed_command,encoder_speed", "dc_motor_speed", ("dc_motor_speed", "direct")),
+        ("t,target_position_deg,encoder", None, ("smart_servo", "xl330")),
+    ],
+)
+def test_a_motor_in_a_position_loop_is_proposed_where_it_is_named(
+    tmp_path: Path, heading: str, given: str | None, proposed: tuple[str, str]
+) -> None:
+    made = draft(table_of(tmp_path / "log.csv", heading, STEP, LATER), given)
+    assert (made.actuator.name, made.variant.name) == proposed
+
+
 BATTERY = 7.4 - 0.02 * LATER + 0.01 * np.cos(np.arange(100))
 """A battery [V] that sags a little under load."""
 

@@ -158,6 +158,7 @@ SPEED_VARIANTS = (
         "ODrive firmware 0.4, default gains; motor: typical size, no product",
         plant=POSITION_PLANT,
         uncertainty={**GAINS_UNKNOWN, "position_gain": 0.5, "speed_limit": 0.3},
+        command="position_command",
     ),
     Variant(
         "moteus",
@@ -167,5 +168,6 @@ SPEED_VARIANTS = (
         plant=POSITION_PLANT,
         uncertainty={name: share for name, share in GAINS_UNKNOWN.items() if MOTEUS[name] > 0.0}
         | {"position_gain": 0.5},
+        command="position_command",
     ),
 )

@@ -18,7 +18,7 @@ from servo_models.data.joints.recording import Joint, Recording
 from servo_models.data.lag import lags
 from servo_models.data.readers import is_bag
 from servo_models.data.readers.lerobot import episodes, is_data_set
-from servo_models.data.scaffold import CHECK, LONGEST_SENTENCE, Draft
+from servo_models.data.scaffold import CHECK, LONGEST_SENTENCE, READING, Draft, is_servo
 from servo_models.data.schema import quoted
 from servo_models.errors import UserError, printable
 from servo_models.files import write_whole
@@ -130,7 +130,7 @@ def _free(folder: Path, stem: str, taken: Iterable[Path]) -> Path:
 
 def _chosen(name: str | None) -> tuple[Actuator, Variant]:
     """An actuator, by default a general one, and its first variant that takes an angle as goal."""
-    takers = [it for it in actuators().values() if _with_a_goal(it)]
+    takers = _servos()
     chosen = of_one_variant(name) if name else next(it for it in takers if it.general)
     variants = _with_a_goal(chosen)
     if not variants:
@@ -139,11 +139,16 @@ def _chosen(name: str | None) -> tuple[Actuator, Variant]:
     return chosen, variants[0]
 
 
+def _servos() -> list[Actuator]:
+    """Servos of the catalogue that take an angle as goal."""
+    return [it for it in actuators().values() if is_servo(it) and _with_a_goal(it)]
+
+
 def _with_a_goal(actuator: Actuator) -> list[Variant]:
     """The variants of an actuator that take an angle as goal."""
 
     def goal(it: Variant) -> Wire:
-        return actuator.plant_of(it.name).wire[it.command or actuator.step[0]]
+        return actuator.plant_of(it.name).wire[actuator.step_of(it.name)[0]]
 
     return [it for it in actuator.variants if exponents(goal(it).unit) == exponents("rad")]
 
@@ -159,10 +164,10 @@ def _text(
 ) -> str:
     """A description of a joint, to stand in ``folder``; its actuator is ``given`` or guessed."""
     plant = chosen.plant_of(variant.name)
-    output = "angle_reading" if "angle_reading" in plant.outputs else plant.outputs[0]
-    goal = variant.command or chosen.step[0]
+    output = READING if READING in plant.outputs else plant.outputs[0]
+    goal, _ = chosen.step_of(variant.name)
     file = quoted(Path(os.path.relpath(recorded.path.resolve(), folder.resolve())).as_posix())
-    takers = (it.name for it in actuators().values() if it is not chosen and _with_a_goal(it))
+    takers = (it.name for it in _servos() if it is not chosen)
     others = (it.name for it in _with_a_goal(chosen) if it is not variant)
     guessed = f"  {CHECK}: {joint.guessed}"
     lines = [

@@ -643,7 +643,7 @@ def _limits(problem: Problem) -> tuple[Wire, float, float]:
     column, low, high = problem.moving_input
     model = problem.model
     wire = model.plant.inputs[column]
-    name, size = model.actuator.step
+    name, size = model.step
     if name == wire.name:
         rest = float(wire.rest)
         reach = abs(size - rest)

@@ -150,7 +150,7 @@ def identify_transfer(
 
     Args:
         model: says what the signals are, and the known constants of a grey box.
-        source, output: default the actuator's main input and first output.
+        source, output: default the variant's command and first output.
         given: transfer functions to be judged beside the fitted ones, SI.
         known_errors: standard errors of the grey box's known constants, SI by parameter.
         progress: is told the name of each structure before its fit.
@@ -159,7 +159,7 @@ def identify_transfer(
         UserError: an unknown signal, no data of it, or no structure that is fit for use.
     """
     plant, place = model.plant, f"actuator '{model.actuator.name}'"
-    source, output = source or model.actuator.step[0], output or plant.outputs[0]
+    source, output = source or model.step[0], output or plant.outputs[0]
     inputs = {wire.name: wire for wire in plant.inputs}
     check_known("input", [source], inputs, place)
     check_known("output", [output], plant.outputs, place)
