@@ -27,6 +27,7 @@ class Channel:
         unit: unit of the column in words of its author, for people: ``"deg"``, ``"count"``.
         scale: SI per number in the file, with unit and sign in it.
         offset: SI value of 0 in the file.
+        checked: its author has looked at unit, sign, zero and readings, so nothing is asked of it.
     """
 
     signal: str
@@ -34,6 +35,7 @@ class Channel:
     unit: str
     scale: float = 1.0
     offset: float = 0.0
+    checked: bool = False
 
     @property
     def told(self) -> tuple[float, str]:

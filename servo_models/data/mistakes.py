@@ -1,20 +1,22 @@
 """Mistakes of logging: what no actuator does to a column, but people and their tools do.
 
-Each of them makes a diagnosis find a cause that is not there, so each is named before one begins.
-Everything is read off the log alone.  A judgement takes what a sensor cannot do: noise that
-vanishes, a position that leaps, an answer that comes before its command.
+Each of them makes a diagnosis find a cause that is not there.  Everything is read off the log
+alone, from what a sensor cannot do: noise that vanishes, a position that leaps, an answer that
+comes before its command.  So each is a question until a model is fitted to the log as it would be
+right (``identification.questions``).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from servo_models.core.plant import Plant, Wire
-from servo_models.core.types import Array
+from servo_models.core.types import Array, Mask
 from servo_models.data.log import Log
 from servo_models.data.outliers import AFTER, BEFORE, POSITIONS, told
 from servo_models.data.sensor import (
@@ -56,6 +58,7 @@ AHEAD_SHARE = 0.05  # motion ahead of jumps over the answer in the rows after th
 LOADS = ("N", "N.m")  # units of inputs that are no command
 AVERAGED = -0.35  # correlation of third differences below which readings are means; -1/2 in theory
 ELSE_AVERAGED = 0.6  # correlation elsewhere over this one, at most, if readings are means
+CLIPPING = "is clipped"
 CLIPPED_NOISE = 3.0  # standard deviations to which third differences are cut: a jump counts little
 NO_KINK = 0.8
 """Correlation of fourth differences from row to row from which there is no kink: -4/5 in white
@@ -65,20 +68,65 @@ STILL = 8.0  # width of a reading that stands over its noise, at most
 LONGER = 5.0  # width of a reading over that at rest from which it has moved before
 AS_FAR = 0.3  # range of the command meanwhile over that in the whole log, at least
 
+Mend = Callable[[Log], Log]
+
 
 class Mistake(str):
-    """A sentence on what is wrong with a column, with its cure.
+    """What may be wrong with a column, in a sentence with its cure: a question until it is tried.
 
     Attributes:
-        imitated_by: effects that would explain it in a fit, as the blocks in ``effects`` are named.
+        columns: signals that it is about; none for whole rows.
+        mended: returns the log as it would be right, None where no other reading of it is known.
+        everywhere: it holds for every log that reads these columns alike, not for rows of this one.
     """
 
-    imitated_by: tuple[str, ...]
+    columns: tuple[str, ...]
+    mended: Mend | None
+    everywhere: bool
 
-    def __new__(cls, text: str, *imitated_by: str) -> Mistake:
-        mistake = super().__new__(cls, text)
-        mistake.imitated_by = imitated_by
+    def __new__(
+        cls,
+        text: str,
+        columns: Iterable[str] = (),
+        mended: Mend | None = None,
+        everywhere: bool = False,
+    ) -> Mistake:
+        mistake = super().__new__(cls, f"{text}; if it is right as it stands, add checked = true")
+        mistake.columns, mistake.mended, mistake.everywhere = tuple(columns), mended, everywhere
         return mistake
+
+    def is_settled(self, log: Log) -> bool:
+        """Whether the description says that these columns have been checked."""
+        return all(log.channels[name].checked for name in self.columns or log.channels)
+
+
+def _without(rows: Mask) -> Mend:
+    """The log without these rows in a fit."""
+
+    def mended(log: Log) -> Log:
+        return replace(log, skipped=rows if log.skipped is None else rows | log.skipped)
+
+    return mended
+
+
+def _with_output(name: str, values: Array) -> Mend:
+    return lambda log: replace(log, outputs={**log.outputs, name: values})
+
+
+def _exchanged(output: str, command: str) -> Mend:
+    """A log with the numbers of two columns exchanged."""
+
+    def mended(log: Log) -> Log:
+        one, two = log.channels[output], log.channels[command]
+        read = (log.inputs[command] - two.offset) / two.scale * one.scale + one.offset
+        sent = (log.outputs[output] - one.offset) / one.scale * two.scale + two.offset
+        return replace(
+            log,
+            inputs={**log.inputs, command: sent},
+            outputs={**log.outputs, output: read},
+        )
+
+    return mended
 
 
 def mistakes(log: Log, plant: Plant, steps: Mapping[str, float]) -> Iterator[Mistake]:
@@ -89,7 +137,7 @@ def mistakes(log: Log, plant: Plant, steps: Mapping[str, float]) -> Iterator[Mis
         >>> list(mistakes(log, plant, {}))
         ["'angle' reads -999 deg in 12 rows: it stands for no reading; ..."]
     """
-    yield from _doubled(log)
+    yield from (text for text in _doubled(log) if not text.is_settled(log))
     for name, values in log.outputs.items():
         wire = plant.wire[name]
         if wire.flag or len(values) < LEAST_ROWS or not np.ptp(values):
@@ -100,9 +148,10 @@ def mistakes(log: Log, plant: Plant, steps: Mapping[str, float]) -> Iterator[Mis
         told = told or [*_leaps(log, wire, values, step), *_held(log, name, values, step)]
         told = told or [*_stands(log, plant, name, values)] or [*_straight(name, values)]
         if not told and name == next(iter(log.outputs)):
-            told = [*_averaged(name, values)] or [*_without_kinks(log, plant, name, values)]
+            if difference_noise(values) >= STEPS_OF_NOISE * step:  # codes say nothing of a filter
+                told = [*_averaged(name, values)] or [*_without_kinks(log, plant, name, values)]
             told = told or [*_ahead(log, plant, name, values)]
-        yield from told
+        yield from (text for text in told if not text.is_settled(log))
 
 
 def _doubled(log: Log) -> Iterator[Mistake]:
@@ -113,7 +162,10 @@ def _doubled(log: Log) -> Iterator[Mistake]:
         return
     pairs = [np.array_equal(it[: 2 * half : 2], it[1 : 2 * half : 2]) for it in columns]
     if all(pairs) and any(_repeats(it[::2]) < REPEATS for it in columns):
-        yield Mistake("every row is there twice: keep one of each", "sample_hold")
+        one_of_each = np.arange(0, len(log.times), 2)
+        yield Mistake(
+            "every row is there twice: keep one of each", (), lambda it: it.at(one_of_each)
+        )
 
 
 def _placeholders(log: Log, wire: Wire, values: Array, step: float) -> Iterator[Mistake]:
@@ -128,7 +180,9 @@ def _placeholders(log: Log, wire: Wire, values: Array, step: float) -> Iterator[
             yield Mistake(
                 f"'{wire.name}' reads {told(wire, end)} in {which.sum()} rows, the first of them"
                 f" row {log.rows[np.argmax(which)]}, far outside all others: it stands for no"
-                " reading; say so by missing, with this number of the file"
+                " reading; say so by missing, with this number of the file",
+                [wire.name],
+                _without(which),
             )
 
 
@@ -142,7 +196,8 @@ def _copied(log: Log, name: str, values: Array) -> Iterator[Mistake]:
         if np.max(np.abs(left)) < COPIED * np.ptp(values):
             yield Mistake(
                 f"'{name}' is a copy of '{other}', row by row: nothing that moves follows its"
-                " command so; read the column that was measured"
+                " command so; read the column that was measured",
+                [name],
             )
 
 
@@ -154,7 +209,10 @@ def _swapped(log: Log, name: str, values: Array) -> Iterator[Mistake]:
         if np.ptp(command) and _repeats(command) < REPEATS and not _jumps_far(command):
             yield Mistake(
                 f"'{name}' jumps and stays, as a command does, while '{other}' has noise, as a"
-                " reading has: their columns are swapped"
+                " reading has: their columns are swapped",
+                (name, other),
+                _exchanged(name, other),
+                everywhere=True,
             )
 
 
@@ -179,7 +237,11 @@ def _leaps(log: Log, wire: Wire, values: Array, step: float) -> Iterator[Mistake
     turned = wire.unit == "rad" and WRAPPED * TURN < np.ptp(values) < (1.0 + EQUAL) * TURN
     if turned and sizes[0] > 0.5 * TURN:
         row = log.rows[np.argmax(np.abs(steps) > 0.5 * TURN) + 1]
-        yield Mistake(f"'{wire.name}' wraps at a turn, the first time in row {row}: unwrap it")
+        yield Mistake(
+            f"'{wire.name}' wraps at a turn, the first time in row {row}: unwrap it",
+            [wire.name],
+            _with_output(wire.name, np.unwrap(values, period=TURN)),
+        )
         return
     if ratios[count - 1] < LEAP_RATIO or sizes[count - 1] < LEAST_LEAP * np.ptp(values):
         return
@@ -193,13 +255,24 @@ def _leaps(log: Log, wire: Wire, values: Array, step: float) -> Iterator[Mistake
         yield Mistake(
             f"{leaps}, from one end of its range to the other: its counter overflows, or it wraps"
             + (", or two runs were joined" if len(where) == 1 else "")
-            + "; add what is lost after each leap"
+            + "; add what is lost after each leap",
+            [wire.name],
+            _with_output(wire.name, values - _leapt(steps, where)),
         )
     elif not again or len(where) <= MOST_RUNS:
         yield Mistake(
             f"{leaps}, {ratios[count - 1]:.2g} times as far as in any other: two runs were joined,"
-            " or rows are missing; make each run a log of its own"
+            " or rows are missing; make each run a log of its own",
+            [wire.name],
+            _without(np.arange(len(values)) > where[0]),
         )
+
+
+def _leapt(steps: Array, where: NDArray[np.int64]) -> Array:
+    """How far a reading has leapt in all before each row, shape (n,)."""
+    leaps = np.zeros(len(steps) + 1)
+    leaps[where + 1] = steps[where]
+    return np.cumsum(leaps)
 
 
 def _answers(command: Array, steps: Array, where: NDArray[np.int64]) -> bool:
@@ -234,10 +307,10 @@ def _held(log: Log, name: str, values: Array, step: float) -> Iterator[Mistake]:
     rows = int(lengths[ends].sum())
     if rows > HELD_SHARE * len(values) and ends.sum() > 1:
         yield Mistake(
-            f"'{name}' is clipped: it stays at an end of its range, without noise, in {rows} rows;"
+            f"'{name}' {CLIPPING}: it stays at an end of its range, without noise, in {rows} rows;"
             " log smaller moves, or with a wider range",
-            "saturation",
-            "end_stops",
+            [name],
+            _without(held & np.isin(values, (np.min(values), np.max(values)))),
         )
         return
     longest = int(np.argmax(lengths))
@@ -247,9 +320,8 @@ def _held(log: Log, name: str, values: Array, step: float) -> Iterator[Mistake]:
         yield Mistake(
             f"'{name}' is stuck at the same value for {end - begin + 1} rows from row"
             f" {log.rows[begin]} on, without noise: the sensor was dead; end the log before",
-            "end_stops",
-            "stiction",
-            "dead_band",
+            [name],
+            _without(np.arange(len(values)) >= begin),
         )
 
 
@@ -266,10 +338,8 @@ def _stands(log: Log, plant: Plant, name: str, values: Array) -> Iterator[Mistak
         yield Mistake(
             f"'{name}' stands from row {log.rows[begin]} on at the latest, while '{other}' goes on:"
             " the drive was switched off, or the sensor was dead; end the log before",
-            "supply_limit",
-            "supply_sag",
-            "stiction",
-            "thermal_drift",
+            [name],
+            _without(np.arange(len(values)) >= begin),
         )
 
 
@@ -289,9 +359,7 @@ def _straight(name: str, values: Array) -> Iterator[Mistake]:
         yield Mistake(
             f"'{name}' runs in straight lines, with a bend about every {every} rows: it was read"
             " less often and resampled; log the rows that were read",
-            "rate_limit",
-            "sample_hold",
-            "lag",
+            [name],
         )
 
 
@@ -316,8 +384,7 @@ def _averaged(name: str, values: Array) -> Iterator[Mistake]:
         yield Mistake(
             f"'{name}' was averaged over {rows} rows: its noise goes together in so many and comes"
             " back the other way round; log it as it was read",
-            "lag",
-            "transport_delay",
+            [name],
         )
 
 
@@ -330,9 +397,7 @@ def _without_kinks(log: Log, plant: Plant, name: str, values: Array) -> Iterator
             yield Mistake(
                 f"'{name}' has no noise from row to row, and no kink where '{other}' jumps: it was"
                 " filtered forwards and backwards, or is no reading; log it as it was read",
-                "lag",
-                "transport_delay",
-                "motion_profile",
+                [name],
             )
 
 
@@ -344,14 +409,31 @@ def _ahead(log: Log, plant: Plant, name: str, values: Array) -> Iterator[Mistake
             yield Mistake(
                 f"'{name}' moves up to {rows} rows before '{other}' jumps, in {many} jumps: the"
                 " command was logged late, or by another clock; log it as it is sent",
-                "transport_delay",
-                "lag",
+                [other],
+                _earlier(other, rows),
+                everywhere=True,
             )
 
 
+def _earlier(command: str, rows: int) -> Mend:
+    """A log whose command comes some rows earlier."""
+
+    def mended(log: Log) -> Log:
+        sent = log.inputs[command]
+        late = np.minimum(np.arange(len(sent)) + rows, len(sent) - 1)
+        return replace(log, inputs={**log.inputs, command: sent[late]})
+
+    return mended
+
+
 def _commands(log: Log, plant: Plant) -> list[tuple[str, Array]]:
-    """Inputs that are no load."""
-    return [(name, it) for name, it in log.inputs.items() if plant.wire[name].unit not in LOADS]
+    """Inputs that are neither a load nor a supply, which rests at a voltage."""
+    wires = {name: plant.wire[name] for name in log.inputs}
+    return [
+        (name, log.inputs[name])
+        for name, wire in wires.items()
+        if wire.unit not in LOADS and not (wire.unit == "V" and wire.rest)
+    ]
 
 
 def _jumps(command: Array) -> NDArray[np.int64]:

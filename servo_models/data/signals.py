@@ -70,6 +70,7 @@ class Signal(Table):
         missing = -999
         outliers = "30 deg"
         table = "joint_states"
+        checked = true  # nothing is asked of it
     """
 
     column: Column
@@ -81,6 +82,7 @@ class Signal(Table):
     missing: Literal["hold", "drop"] | Number | None = None
     outliers: Quantity | None = None
     table: str = ""
+    checked: bool = False
 
 
 class Time(Table):
@@ -93,6 +95,7 @@ class Time(Table):
         repeats = "drop"
         period = "10 ms"
         table = "joint_states"
+        checked = true  # nothing is asked of it
     """
 
     column: Column
@@ -100,6 +103,7 @@ class Time(Table):
     repeats: Literal["drop"] | None = None
     period: Seconds | None = None
     table: str = ""
+    checked: bool = False
 
 
 HELD_OUT = '{ from = "12 s", to = "20 s" }'
@@ -144,6 +148,7 @@ class LogTable(Table):
         judged = { input = "voltage", after_change = "0.8 s" }
         settle = "0.5 s"
         start = "rest"  # "settled", "fit", or { angle = "3 deg", rate = "10 deg/s" }
+        checked = true  # nothing is asked of its columns
         repeat = [{ file = "a.csv" }, { file = "b.csv", held_out = true }]  # see ``runs``
     """
 
@@ -162,6 +167,7 @@ class LogTable(Table):
     judged: Judged | None = None
     settle: Seconds | None = None
     start: Literal["rest", "settled", "fit"] | dict[str, Any] | None = None
+    checked: bool = False
     repeat: list[dict[str, Any]] = []
 
 
@@ -254,7 +260,14 @@ def read_log(
     since = clock.since[row] + (times - rows[row])
     constants = _constants(section.section("constants"), chosen, inputs)
     origin = -float(clock.stamps[0]) * clock.scale
-    time = Channel("time", str(clock.column), clock.unit, clock.scale, origin)
+    about_time = isinstance(entry.time, Time) and entry.time.checked
+    time = Channel(
+        "time", str(clock.column), clock.unit, clock.scale, origin, entry.checked or about_time
+    )
+    channels = {
+        name: replace(it.channel, checked=entry.checked or it.channel.checked)
+        for name, it in (inputs | outputs | blank).items()
+    }
     return Log(
         name=entry.name or path.stem,
         path=path,
@@ -265,7 +278,7 @@ def read_log(
             name: values[row] if readings[name].flag else np.interp(times, rows, values)
             for name, values in measured.items()
         },
-        channels={"time": time} | {n: m.channel for n, m in (inputs | outputs | blank).items()},
+        channels={"time": time} | channels,
         rows=clock.rows[row] + clock.columns.first_row,
         held_out=_held_out(section, entry.held_out, since, fed),
         constants=constants,
@@ -444,7 +457,7 @@ def map_signal(section: Section, name: str, wire: Wire, table: str | None) -> Ma
     offset = quantity(at, "offset", unit) if "offset" in at else 0.0
     words = unit if given.scale == 1.0 else f"{given.scale:g} {unit}"
     scale = given.sign * given.scale * to_si
-    channel = Channel(name, str(given.column), words, scale, offset * to_si)
+    channel = Channel(name, str(given.column), words, scale, offset * to_si, checked=given.checked)
     farthest = to_si * quantity(at, "outliers", unit) if "outliers" in at else None
     if farthest is not None and not farthest > 0.0:
         section.fail(f"{name}.outliers", f"{given.outliers} is no distance; give one above 0")

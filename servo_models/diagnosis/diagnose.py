@@ -3,30 +3,30 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from servo_models.core.plant import check_known
 from servo_models.core.stop import Stop
 from servo_models.core.workers import Workers
-from servo_models.data.audit import LEAST_GAP, Audit, audits, noise_floors, noise_origins
+from servo_models.data.audit import LEAST_GAP, Audit, noise_floors, noise_origins
 from servo_models.data.description import Description, read_description
 from servo_models.diagnosis import confirm
 from servo_models.diagnosis.gap import gaps, whole_gap
-from servo_models.diagnosis.preconditions import check_duration, imitators, without_flags
+from servo_models.diagnosis.preconditions import check_duration, without_flags
 from servo_models.diagnosis.ranking import estimates, probabilities, ranked_effects
 from servo_models.diagnosis.residual_map import learn
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.search.fitting import Fitter
-from servo_models.diagnosis.search.priors import prior_parameters
-from servo_models.diagnosis.search.selection import Tell, select_effects
+from servo_models.diagnosis.search.selection import Selection, Tell, select_effects
 from servo_models.diagnosis.settings import DEFAULT, Settings
 from servo_models.diagnosis.stretches import Part, held_out_scores, unlike_parts
 from servo_models.diagnosis.verdict import OUTSIDE, decide
 from servo_models.errors import UserError
 from servo_models.identification.fit import checked_logs
-from servo_models.identification.plausibility import answer_time, mistaken_columns
+from servo_models.identification.priors import prior_parameters
+from servo_models.identification.questions import FAR_BETTER, error, likely, questions, tried
 from servo_models.identification.simulation import InternalSteps
 
 __all__ = ["Diagnosis", "diagnose"]
@@ -103,13 +103,18 @@ def diagnose(
     return diagnosis.without_next(stop.why)
 
 
-def _audited(told: Description) -> tuple[Audit, ...]:
-    """Audits of the logs, with the columns that contradict the model among the mistakes."""
-    model, answer = told.model, answer_time(told.model)
-    return tuple(
-        replace(it, mistakes=(*it.mistakes, *mistaken_columns(model, it.log, answer)))
-        for it in audits(told.logs, model.plant)
-    )
+def _mistake(told: Description, asked: Sequence[Audit], selection: Selection) -> str:
+    """Which log is surely not what was measured: read otherwise, re-tuned parameters alone leave
+    far less of it than the best effects do of it as it stands."""
+    best = selection.taken.problem
+    vector = selection.taken.evidence.vector
+    most = FAR_BETTER * error(best.responses(vector), best.logs)
+    likely = {it: left for it, left in tried(told, asked, best.workers).items() if left <= most}
+    if not likely:
+        return ""
+    mistake = min(likely, key=likely.__getitem__)
+    (log, *_) = (it.log.name for it in asked if mistake in it.mistakes)
+    return f"log '{log}': {mistake}"
 
 
 def _confirmed(diagnosis: Diagnosis, tell: Tell | None) -> Diagnosis:
@@ -134,8 +139,7 @@ def _diagnose(
     stop: Stop,
     settings: Settings,
 ) -> Diagnosis:
-    audited = _audited(told)
-    left_out = {*left_out, *imitators(audited, told.model.plant)}
+    audited = likely(told, questions(told), workers)
     floors, origins = noise_floors(audited), noise_origins(audited)
     steps = InternalSteps(told.model, floors, stop)
     fitter = Fitter(
@@ -167,7 +171,9 @@ def _diagnose(
     # what does not follow the command is no curve of what the actuator does
     shaped = verdict.kind == OUTSIDE and verdict.locked.follows and not parts
     learns = shaped and not stop.passed
-    usual = not any(it.mistakes for it in audited) and not fitter.between_rows
+    is_left = selection.taken.evidence.rms > tolerance and not stop.passed
+    mistake = _mistake(told, audited, selection) if is_left else ""
+    usual = not mistake and not fitter.between_rows
     held_out = held_out_scores(selection)
     worse = any(one.worse for one in held_out)
     # learnt from whole searches in logs as they should be
@@ -196,5 +202,6 @@ def _diagnose(
         seed=seed,
         parts=parts,
         between_rows=fitter.between_rows,
+        mistake=mistake,
         unfinished=(*selection.unfinished, *lacking),
     )

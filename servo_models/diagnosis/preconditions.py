@@ -8,7 +8,6 @@ from dataclasses import replace
 from servo_models.analysis.linearise import linearise
 from servo_models.core.plant import Plant
 from servo_models.core.simulate import Model
-from servo_models.data.audit import Audit
 from servo_models.data.log import Log
 from servo_models.errors import UserError
 
@@ -49,12 +48,6 @@ def without_flags(logs: Iterable[Log], plant: Plant) -> tuple[tuple[Log, ...], t
         left_out |= dict.fromkeys(flags)
         others.append(replace(log, outputs=kept) if flags else log)
     return tuple(others), tuple(left_out)
-
-
-def imitators(audits: Iterable[Audit], plant: Plant) -> tuple[str, ...]:
-    """Return the effects, by place, that would explain what is wrong with a log: none is taken."""
-    effects = {it for one in audits for mistake in one.mistakes for it in mistake.imitated_by}
-    return tuple(it for it in plant.placements if plant.main(it).effect.name in effects)
 
 
 def slowest_time_constant(model: Model) -> float:

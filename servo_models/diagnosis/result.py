@@ -80,6 +80,8 @@ class Diagnosis(Parametrised, Result):
         confirmation: the diagnosed model run as an FMU, None where nobody asked or it cannot be.
         unconfirmed: what is amiss with that FMU, "" for nothing.
         written: the next experiment with its table, None before ``with_commands``.
+        mistake: what is wrong with a log, since reading it otherwise explains it far better than
+            any effect does; "" for nothing.
         unfinished: what was not tried, or not to the end, since the diagnosis was stopped.
         stopped: why it was, "" if it was not.
     """
@@ -107,6 +109,7 @@ class Diagnosis(Parametrised, Result):
     confirmation: Confirmation | None = None
     unconfirmed: str = ""
     written: tuple[design.Experiment, ...] | None = None
+    mistake: str = ""
     unfinished: tuple[str, ...] = ()
     stopped: str = ""
 

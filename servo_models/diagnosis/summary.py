@@ -10,7 +10,6 @@ from servo_models.analysis.experiment import display
 from servo_models.data.audit import EXACT
 from servo_models.data.sensor import REPEATS
 from servo_models.diagnosis.gap import GapSummary, not_followed
-from servo_models.diagnosis.preconditions import imitators
 from servo_models.diagnosis.ranking import undetermined
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.search.fitting import FittedModel
@@ -116,14 +115,9 @@ def headline(diagnosis: Diagnosis) -> str:
 
 
 def mistaken(diagnosis: Diagnosis) -> str:
-    """Return a clause on the first log that is not what was measured, "" for none."""
-    wrong = (
-        f"{it.log.name}': {it.mistakes[0].partition(';')[0]}"  # the cure is among the warnings
-        for it in diagnosis.audits
-        if it.mistakes
-    )
-    first = next(wrong, "")
-    return f"Correct log '{first}. As it stands: " if first else ""
+    """Return a clause on what is surely wrong with a log, "" for nothing."""
+    wrong = diagnosis.mistake.partition(";")[0]  # the cure is among the warnings
+    return f"Correct {wrong}. As it stands: " if wrong else ""
 
 
 def untried(diagnosis: Diagnosis) -> str:
@@ -367,8 +361,6 @@ def _about_time(diagnosis: Diagnosis) -> Iterator[str]:
 def _about_logs(diagnosis: Diagnosis) -> Iterator[str]:
     for one in diagnosis.audits:
         yield from (f"log '{one.log.name}': {text}" for text in one.warnings)
-    if names := imitators(diagnosis.audits, diagnosis.model.plant):
-        yield f"not tried, for it would explain what is wrong with a log: {listed(names)}"
     taken = diagnosis.selection.taken
     yield from false_starts(taken.problem.runs, taken.values)
     yield from shifted_outputs(taken.problem.runs, taken.values, diagnosis.floors)

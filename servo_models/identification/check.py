@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -21,6 +20,7 @@ from servo_models.identification.identifiability import (
 )
 from servo_models.identification.plausibility import implausible, implausible_clocks
 from servo_models.identification.problem import free_names
+from servo_models.identification.questions import likely, questions
 from servo_models.identification.resolution import Blur, blurs, shifted_outputs
 from servo_models.identification.simulation import prepared
 from servo_models.identification.starts import false_statements, with_starts
@@ -128,7 +128,11 @@ def check(described: Description | str | Path, jobs: int | None = None) -> Check
         return Check(
             description, audited, floors, Identifiability((), (), (), (), ()), asked, clocks
         )
-    odd = (*(text for text, _ in false.values()), *_odd(description, false))
+    odd = (*(text for text, _ in false.values()), *implausible(description, columns=False))
+    # a false start looks like a unit
+    begun = tuple(false[log.name][1] if log.name in false else log for log in description.logs)
+    as_shown = replace(description, logs=begun)
+    audited = likely(as_shown, questions(as_shown))
     try:
         determined = identifiability(
             description.model, description.logs, floors, free, description.uncertainty, jobs
@@ -141,12 +145,6 @@ def check(described: Description | str | Path, jobs: int | None = None) -> Check
     hidden = blurs(description.model, description.logs, floors, {})
     told = (*odd, *beyond)
     return Check(description, audited, floors, determined, asked, told, hidden, commanded)
-
-
-def _odd(description: Description, false: Mapping[str, tuple[str, Log]]) -> tuple[str, ...]:
-    """What makes no sense in logs that begin as they show; a false start looks like a unit."""
-    logs = tuple(false[log.name][1] if log.name in false else log for log in description.logs)
-    return implausible(replace(description, logs=logs))
 
 
 def verdict(reach: Detectability, has_prior: bool) -> str:

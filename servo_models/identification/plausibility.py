@@ -12,6 +12,7 @@ import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -44,8 +45,6 @@ DRIFT_DEGREE = 2  # degree of the drift taken off: what a constant torque gives 
 ELSEWHERE = 0.5  # distance to the model over its range from which the zero of a reading is off
 STEADY = 3.0  # distance over its standard deviation, from which it is in all rows
 BEYOND = 3.0  # full scales of a rate, or of an output, that no actuator reaches
-SLOW = ("lag", "transport_delay", "rate_limit", "sample_hold")
-"""Effects that imitate a slow or fast time."""
 LONGEST = 5e6  # internal steps that are worth a look at another unit of time
 MOST_SUPPLY = 2.0  # supply over the one of a variant above which no motor stands it
 LEAST_SUPPLY = 0.2  # supply ratio below which none turns
@@ -75,8 +74,9 @@ class Correction:
         return replace(log, times=scale * log.times, inputs=inputs, outputs=outputs)
 
 
-def implausible(described: Description) -> tuple[str, ...]:
-    """Return what makes no sense beside the actuator, one sentence each with the value that would.
+def implausible(described: Description, columns: bool = True) -> tuple[str, ...]:
+    """Return what makes no sense beside the actuator, one sentence each with the value that would;
+    ``columns`` that contradict the model as well, untried.
 
     Example:
         ``implausible(read_description("mine.toml"))`` is empty where all is well.
@@ -85,7 +85,8 @@ def implausible(described: Description) -> tuple[str, ...]:
     said = list(_about_priors(described))
     answer = answer_time(model)
     for log in described.logs:
-        texts = [*_about_held_inputs(model, log), *mistaken_columns(model, log, answer)]
+        texts = list(_about_held_inputs(model, log))
+        texts += mistaken_columns(model, log, answer) if columns else ()
         said += [f"log '{log.name}': {text}" for text in texts]
     return tuple(said)
 
@@ -95,12 +96,13 @@ def mistaken_columns(model: Model, log: Log, answer: float) -> Iterator[Mistake]
     begins as it shows; ``answer`` is the ``answer_time`` of the model [s]."""
     pairs = _compared(model, log)
     against = _against(model, log, pairs)
-    yield from _about_signs(model, log, against)
+    told = [*_about_signs(model, log, against)]
     if against:
         log = _turned(model, log, against)
         pairs = _compared(model, log)
-    yield from [*_about_rates(log, pairs)] or _about_units(model, log, pairs, answer)
-    yield from _about_zeros(model, log, pairs)
+    told += [*_about_rates(log, pairs)] or _about_units(model, log, pairs, answer)
+    told += _about_zeros(model, log, pairs)
+    yield from (it for it in told if not it.is_settled(log))
 
 
 def implausible_clocks(described: Description) -> tuple[str, ...]:
@@ -243,16 +245,22 @@ def _about_signs(model: Model, log: Log, against: Sequence[str]) -> Iterator[Mis
         every = len(against) == sum(not model.plant.wire[it].flag for it in log.outputs)
         if every and len(moving) == 1:
             cure += f"; or turn the sign of {_column(log, moving[0])}"
-        yield Mistake(f"{_column(log, name)} goes against the command: {cure}", "gain_error")
+        turned = partial(_turned, model, names=[name])
+        text = f"{_column(log, name)} goes against the command: {cure}"
+        yield Mistake(text, [name], turned, everywhere=True)
 
 
 def _turned(model: Model, log: Log, names: Sequence[str]) -> Log:
     """The log with the other sign of these outputs, and with the start that it then shows."""
     turned = {name: -values for name, values in log.outputs.items() if name in names}
-    again = replace(log, outputs={**log.outputs, **turned})
+    return _begun(model, replace(log, outputs={**log.outputs, **turned}))
+
+
+def _begun(model: Model, log: Log) -> Log:
+    """The log with the start that its changed columns show."""
     if log.start and log.start.fitted:
-        (again,) = with_starts(model, [replace(again, start=None, assumed=True)])
-    return again
+        (log,) = with_starts(model, [replace(log, start=None, assumed=True)])
+    return log
 
 
 # Columns of something else
@@ -266,8 +274,7 @@ def _about_rates(log: Log, pairs: Mapping[str, _Pair]) -> Iterator[Mistake]:
             yield Mistake(
                 f"{_column(log, name)} moves as the rate of '{name}' does: read it as a rate,"
                 " or read the column that was measured",
-                "gain_error",
-                "lag",
+                [name],
             )
 
 
@@ -284,11 +291,15 @@ def _about_zeros(model: Model, log: Log, pairs: Mapping[str, _Pair]) -> Iterator
             yield Mistake(
                 f"{_column(log, name)} moves as the model does, but {size:.4g} {unit} off: its zero"
                 f" is elsewhere; give it offset = {-size:.4g}",
-                "offset",
-                "null_shift",
-                "constant_load",
-                "gravity_load",
+                [name],
+                partial(_moved, model, name=name, by=-off),
+                everywhere=True,
             )
+
+
+def _moved(model: Model, log: Log, name: str, by: float) -> Log:
+    """The log with another zero of an output [SI]."""
+    return _begun(model, replace(log, outputs={**log.outputs, name: log.outputs[name] + by}))
 
 
 # Units of columns
@@ -316,8 +327,11 @@ def _about_units(
     alike = [row for row in sensible if row[0] <= least + CLOSE]
     alike.sort(key=lambda row: row[1])
     told = [correction for *_, correction in alike]
-    effects = {it for one in told for it in (SLOW if TIME in one.columns else ("gain_error",))}
-    yield Mistake(_sentence(log, told, counts), *sorted(effects))
+
+    def mended(log: Log) -> Log:
+        return _begun(model, told[0].of(log))
+
+    yield Mistake(_sentence(log, told, counts), told[0].columns, mended, everywhere=True)
 
 
 def _sentence(log: Log, corrections: Sequence[Correction], counts: Sequence[Correction]) -> str:

@@ -44,10 +44,10 @@ from servo_models.diagnosis.search.candidates import candidates
 from servo_models.diagnosis.search.crossval import dispersion
 from servo_models.diagnosis.search.fitting import FittedModel, Fitter
 from servo_models.diagnosis.search.joint_fits import fit_with
-from servo_models.diagnosis.search.priors import prior_parameters
 from servo_models.diagnosis.search.screening import Screened, likeliest, screen
 from servo_models.diagnosis.verdict import NO_GAP
 from servo_models.errors import UserError
+from servo_models.identification.priors import prior_parameters
 from servo_models.identification.problem import Problem
 from servo_models.report.document import Document, Figure, Magnitude, choice
 

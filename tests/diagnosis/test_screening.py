@@ -21,7 +21,6 @@ from servo_models.diagnosis.search.crossval import advantage, blocks, cross_vali
 from servo_models.diagnosis.search.fitting import Fitter, shifted
 from servo_models.diagnosis.search.grid_search import shortlist
 from servo_models.diagnosis.search.joint_fits import best_start, fit_with
-from servo_models.diagnosis.search.priors import PRIOR_BOUND_SIGMAS, prior_parameters
 from servo_models.diagnosis.search.screening import (
     Detectability,
     detectability,
@@ -35,6 +34,7 @@ from servo_models.diagnosis.settings import DEFAULT
 from servo_models.errors import UserError
 from servo_models.identification.linear_inference import solve_box_qp, value_at
 from servo_models.identification.optimise import _Point, _step, descend
+from servo_models.identification.priors import PRIOR_BOUND_SIGMAS, prior_parameters
 from servo_models.identification.problem import REFUSED, Free, free_parameter
 from tests.support.delayed_motor import DESCRIPTION, describe
 from tests.support.diagnoses import made
