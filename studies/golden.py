@@ -53,7 +53,7 @@ from servo_models.data.description import read_description
 from servo_models.diagnosis.verdict import OUTSIDE
 from servo_models.errors import UserError
 from servo_models.files import scratch, write_whole
-from servo_models.identification.priors import prior_parameters
+from servo_models.identification.problem import prior_parameters
 from studies.withheld.oracle import FAILED, Diagnosed, Question, ask_oracle, said_of
 from studies.withheld.run import work_through
 from studies.withheld.score import good, join, share

@@ -27,7 +27,7 @@ from servo_models.diagnosis.search.candidates import candidates
 from servo_models.diagnosis.search.fitting import Fitter
 from servo_models.diagnosis.search.masking import masked_effects
 from servo_models.diagnosis.search.screening import screening_results
-from servo_models.identification.priors import prior_parameters
+from servo_models.identification.problem import prior_parameters
 
 ADDED = "load_inertia"
 SHARES = (0.5, 1.5)  # added inertia over the servo's own

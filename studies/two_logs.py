@@ -31,7 +31,7 @@ from servo_models.diagnosis.design.commands import FAMILIES, Command
 from servo_models.diagnosis.diagnose import Diagnosis, diagnose
 from servo_models.diagnosis.search.candidates import candidates
 from servo_models.diagnosis.search.fitting import Fitter
-from servo_models.identification.priors import prior_parameters
+from servo_models.identification.problem import prior_parameters
 from studies.withheld.generator.cases import CLEAN, Case, draw_case, kind_of, with_log
 from studies.withheld.generator.files import write_case
 from studies.withheld.score import Statistic, share

@@ -3,7 +3,7 @@
 Each of them makes a diagnosis find a cause that is not there.  Everything is read off the log
 alone, from what a sensor cannot do: noise that vanishes, a position that leaps, an answer that
 comes before its command.  So each is a question until a model is fitted to the log as it would be
-right (``identification.questions``).
+right (``identification.plausibility``).
 """
 
 from __future__ import annotations
@@ -97,7 +97,9 @@ class Mistake(str):
 
     def is_settled(self, log: Log) -> bool:
         """Whether the description says that these columns have been checked."""
-        return all(log.channels[name].checked for name in self.columns or log.channels)
+        known = log.channels
+        names = self.columns or (*log.inputs, *log.outputs)
+        return all(name in known and known[name].checked for name in names)
 
 
 def _without(rows: Mask) -> Mend:
@@ -257,7 +259,7 @@ def _leaps(log: Log, wire: Wire, values: Array, step: float) -> Iterator[Mistake
             + (", or two runs were joined" if len(where) == 1 else "")
             + "; add what is lost after each leap",
             [wire.name],
-            _with_output(wire.name, values - _leapt(steps, where)),
+            _with_output(wire.name, values - _leapt(np.diff(values), where)),
         )
     elif not again or len(where) <= MOST_RUNS:
         yield Mistake(
@@ -269,9 +271,10 @@ def _leaps(log: Log, wire: Wire, values: Array, step: float) -> Iterator[Mistake
 
 
 def _leapt(steps: Array, where: NDArray[np.int64]) -> Array:
-    """How far a reading has leapt in all before each row, shape (n,)."""
-    leaps = np.zeros(len(steps) + 1)
-    leaps[where + 1] = steps[where]
+    """How far a reading has leapt in all before each row, beyond its motion, shape (n,)."""
+    leaps, last = np.zeros(len(steps) + 1), len(steps) - 1
+    motion = 0.5 * (steps[np.maximum(where - 1, 0)] + steps[np.minimum(where + 1, last)])
+    leaps[where + 1] = steps[where] - motion
     return np.cumsum(leaps)
 
 

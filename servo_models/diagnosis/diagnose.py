@@ -25,8 +25,8 @@ from servo_models.diagnosis.stretches import Part, held_out_scores, unlike_parts
 from servo_models.diagnosis.verdict import OUTSIDE, decide
 from servo_models.errors import UserError
 from servo_models.identification.fit import checked_logs
-from servo_models.identification.priors import prior_parameters
-from servo_models.identification.questions import FAR_BETTER, error, likely, questions, tried
+from servo_models.identification.plausibility import FAR_BETTER, error, likely, questions, tried
+from servo_models.identification.problem import prior_parameters
 from servo_models.identification.simulation import InternalSteps
 
 __all__ = ["Diagnosis", "diagnose"]

@@ -18,9 +18,13 @@ from servo_models.identification.identifiability import (
     Identifiability,
     identifiability,
 )
-from servo_models.identification.plausibility import implausible, implausible_clocks
+from servo_models.identification.plausibility import (
+    implausible,
+    implausible_clocks,
+    likely,
+    questions,
+)
 from servo_models.identification.problem import free_names
-from servo_models.identification.questions import likely, questions
 from servo_models.identification.resolution import Blur, blurs, shifted_outputs
 from servo_models.identification.simulation import prepared
 from servo_models.identification.starts import false_statements, with_starts

@@ -3,7 +3,8 @@
 A column in another unit than is said is off by a large known factor.  Two things tell: the
 nominal model then moves otherwise than the log, and moves as the log does once the unit is
 another; or the motion leaves the full scale of the actuator.  A judgement takes both sides, so
-that a poor model alone is no reason for a warning.
+that a poor model alone is no reason for a warning.  What is asked of a log is then tried: all logs
+of one recorder are read as it says, parameters are re-tuned, and what is left decides.
 """
 
 from __future__ import annotations
@@ -17,10 +18,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from servo_models.analysis.statistics import rms
 from servo_models.core.bounds import is_outside
 from servo_models.core.plant import Plant, Wire
 from servo_models.core.simulate import Model, simulate
 from servo_models.core.types import Array
+from servo_models.core.workers import ALONE, Workers
+from servo_models.data.audit import Audit, audits, noise_floors
 from servo_models.data.description import Description
 from servo_models.data.log import Channel, Log
 from servo_models.data.mistakes import Mistake
@@ -28,6 +32,8 @@ from servo_models.data.outliers import POSITIONS
 from servo_models.data.schema import named
 from servo_models.data.sensor import outliers
 from servo_models.errors import UserError
+from servo_models.identification.optimise import descend
+from servo_models.identification.problem import Problem, prior_parameters
 from servo_models.identification.simulation import prepared
 from servo_models.identification.starts import with_starts
 from servo_models.units import factor, fitting_unit, other_units, parse
@@ -52,6 +58,9 @@ MOST_LOAD = 5.0  # full scales of a constant load: several times what stalls the
 MOST_PRIOR = 3.0  # standard deviation over a positive value: more says less than no prior
 MOST_INTERVAL = 2.0  # sampling interval over the response time: longer ones show only the end
 LEAST_DURATION = 0.1  # duration of a log over the response time
+FAR_BETTER = 0.5  # error of logs as they would be right over that as they stand, at most
+COST_TOLERANCE = 1e-3  # relative decrease of the cost that ends a trial
+MOST_STEPS = 10  # of a trial
 ANSWERED = 0.05  # distance from the end of a step response over the whole, at which it is answered
 
 
@@ -547,3 +556,81 @@ def answer_time(model: Model) -> float:
     whole = float(np.ptp(response))
     late = np.flatnonzero(np.abs(response - response[-1]) > ANSWERED * whole)
     return float(times[late[-1] + 1]) if whole > 0.0 and len(late) else model.stop_time
+
+
+# Mistakes that are tried: all logs of one recorder are read as one says, and parameters re-tuned
+
+Tried = Mapping[Mistake, float]
+"""By mistake the error that re-tuned parameters leave of the logs as they would be right."""
+
+
+def questions(told: Description) -> tuple[Audit, ...]:
+    """Audits of the logs, with the columns that contradict the model among the mistakes."""
+    model, answer = told.model, answer_time(told.model)
+    return tuple(
+        replace(it, mistakes=(*it.mistakes, *mistaken_columns(model, it.log, answer)))
+        for it in audits(told.logs, model.plant)
+    )
+
+
+def tried(told: Description, asked: Sequence[Audit], workers: Workers = ALONE) -> Tried:
+    """Try every mistake of which another reading is known."""
+    return {
+        mistake: retuned(told, _mended(told.logs, log, mistake), workers)
+        for log, audit in zip(told.logs, asked)
+        for mistake in audit.mistakes
+        if mistake.mended
+    }
+
+
+def likely(
+    told: Description, asked: Sequence[Audit], workers: Workers = ALONE
+) -> tuple[Audit, ...]:
+    """Audits without the mistakes that explain nothing: the logs are no better read otherwise."""
+    errors = tried(told, asked, workers)
+    if not errors:
+        return tuple(asked)
+    most = FAR_BETTER * retuned(told, told.logs, workers)
+    return tuple(
+        replace(it, mistakes=tuple(m for m in it.mistakes if errors.get(m, 0.0) <= most))
+        for it in asked
+    )
+
+
+def _mended(logs: Sequence[Log], of: Log, mistake: Mistake) -> list[Log]:
+    """The logs as they would be right: all that read the columns alike, or this one alone."""
+
+    def alike(log: Log) -> bool:
+        columns = [(it.channels.get(name) for it in (log, of)) for name in mistake.columns]
+        return log is of or (mistake.everywhere and all(a == b for a, b in columns))
+
+    assert mistake.mended
+    return [mistake.mended(log) if alike(log) else log for log in logs]
+
+
+def retuned(told: Description, logs: Sequence[Log], workers: Workers = ALONE) -> float:
+    """Error that re-tuned parameters leave, see ``error``; infinite where nothing can be fitted."""
+    floors = noise_floors(audits(logs, told.model.plant))
+    try:
+        problem = Problem(told.model, logs, prior_parameters(told), floors, workers)
+        vector = problem.start
+        if problem.free:
+            vector, _, _ = descend(problem, vector, COST_TOLERANCE, MOST_STEPS)
+        return error(problem.responses(vector), logs)
+    except UserError:
+        return np.inf
+
+
+def error(responses: Sequence[Mapping[str, Array]], logs: Sequence[Log]) -> float:
+    """RMS error over the standard deviation of the readings, over all outputs: of any scale."""
+    shares = []
+    for name in dict.fromkeys(name for log in logs for name in log.outputs):
+        both = [
+            (log.outputs[name][log.fitted], response[name][log.fitted])
+            for log, response in zip(logs, responses)
+            if name in log.outputs
+        ]
+        measured, simulated = (np.concatenate(parts) for parts in zip(*both))
+        if len(measured) and np.ptp(measured) > 0.0:
+            shares.append(rms(simulated - measured) / float(np.std(measured)))
+    return rms(np.array(shares)) if shares else np.inf

@@ -7,7 +7,7 @@ Source: Ljung, System Identification, 2nd ed., sec. 3.3 (output error) and 7.4 (
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from threading import Lock
@@ -20,6 +20,7 @@ from servo_models.core.plant import Parameter, Plant, unknown
 from servo_models.core.simulate import Model
 from servo_models.core.types import Array
 from servo_models.core.workers import ALONE, Workers
+from servo_models.data.description import Description
 from servo_models.data.log import Log
 from servo_models.errors import UserError
 from servo_models.identification.simulation import InternalSteps, Run, prepared
@@ -33,6 +34,7 @@ LARGEST = 1e100  # weighted residual from which squares leave the finite numbers
 FAR_DEVIATIONS = 3.0  # prior deviations of a fitted parameter from which its prior was too narrow
 WIDER_PRIOR = 10.0  # factor on such a prior
 LEAST_SINGULAR = 0.3  # weighted errors by a standard deviation of a direction, least: less is noise
+PRIOR_BOUND_SIGMAS = 4.0  # prior deviations that a nominal parameter may move
 
 
 @dataclass(frozen=True)
@@ -95,6 +97,35 @@ def free_parameter(
         prior=prior,
         switch=param.switch,
     )
+
+
+def prior_parameters(told: Description, widened: float = 1.0) -> tuple[Free, ...]:
+    """Return what is free in every fit of a diagnosis: parameters with an uncertainty, near their
+    values; ``widened`` is a factor on these uncertainties.
+
+    Without the limit a large gap takes them anywhere, and an effect that is missing is imitated by
+    constants that nobody would believe.
+    """
+    parameters, priors = told.model.plant.parameters, []
+    uncertain = told.uncertainty.keys()
+    for name, prior in told.uncertainty.items():
+        if _idle(told.model, name, uncertain):
+            continue
+        nominal, bounds = told.model.values[name], told.bounds.get(name)
+        free = free_parameter(parameters[name], nominal, prior, bounds)
+        wide = widened * prior
+        low, high = nominal - PRIOR_BOUND_SIGMAS * wide, nominal + PRIOR_BOUND_SIGMAS * wide
+        low, high = max(free.low, low), min(free.high, high)
+        priors.append(replace(free, low=low, high=high, prior=wide, widened=widened))
+    return tuple(priors)
+
+
+def _idle(model: Model, name: str, uncertain: Container[str]) -> bool:
+    """Whether a parameter is that of an effect that is off and surely so."""
+    known = model.plant.parameters
+    owner = known[name].owner
+    switches = [it.name for it in known.values() if owner and it.owner == owner and it.param.switch]
+    return bool(switches) and not any(model.values[it] or it in uncertain for it in switches)
 
 
 def free_names(plant: Plant, words: Iterable[str]) -> tuple[str, ...]:

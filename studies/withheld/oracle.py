@@ -47,8 +47,7 @@ from servo_models.diagnosis.search.joint_fits import fit_with
 from servo_models.diagnosis.search.screening import Screened, likeliest, screen
 from servo_models.diagnosis.verdict import NO_GAP
 from servo_models.errors import UserError
-from servo_models.identification.priors import prior_parameters
-from servo_models.identification.problem import Problem
+from servo_models.identification.problem import Problem, prior_parameters
 from servo_models.report.document import Document, Figure, Magnitude, choice
 
 FAILED = "failed"

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import ast
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,11 +14,9 @@ from scipy.signal import butter, filtfilt, lfilter
 from servo_models.core.plant import Plant
 from servo_models.core.simulate import model
 from servo_models.core.types import Array
-from servo_models.data.log import Log
+from servo_models.data.log import Channel, Log
 from servo_models.data.mistakes import mistakes
-from servo_models.identification.plausibility import SLOW
 from tests.support.logs import log_of
-from tests.support.sources import ROOT
 
 ROWS, INTERVAL = 1200, 2e-3
 NOISE = 2e-3  # of a range of 1 rad
@@ -136,9 +134,8 @@ def test_columns_that_are_swapped_are_named() -> None:
 def test_rows_that_are_there_twice_are_named() -> None:
     _, goal, angle = record()
     twice = INTERVAL * np.arange(2 * ROWS)
-    assert said(twice, np.repeat(goal, 2), np.repeat(angle, 2)) == [
-        "every row is there twice: keep one of each"
-    ]
+    (text,) = said(twice, np.repeat(goal, 2), np.repeat(angle, 2))
+    assert "every row is there twice: keep one of each" in text
 
 
 def test_two_runs_in_one_file_are_named_where_the_second_begins() -> None:
@@ -198,14 +195,60 @@ def test_an_answer_within_one_row_is_no_second_run() -> None:
     assert said(times, goal, goal + noise) == []
 
 
-def test_effects_that_imitate_a_mistake_are_in_the_catalogue() -> None:
-    """A name with a slip would imitate nothing, and nobody would notice."""
-    known = {path.stem for path in ROOT.glob("servo_models/effects/*.py")}
-    named = set(SLOW)
-    for module in ("data/mistakes.py", "identification/plausibility.py"):
-        tree = ast.parse((ROOT / "servo_models" / module).read_text("utf-8"))
-        for node in ast.walk(tree):
-            if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "Mistake":
-                named |= {it.value for it in node.args[1:] if isinstance(it, ast.Constant)}
-    assert len(named) > 10
-    assert named <= known
+def recorded(seed: int) -> Log:
+    """A log as a file gives it: with a column for its command as well."""
+    times, goal, angle = record(seed)
+    log = log_of(times, {"goal": goal}, {"angle": angle})
+    return replace(log, channels={**log.channels, "goal": Channel("goal", "goal", "rad")})
+
+
+def wrapped(log: Log) -> Log:
+    """Where a turn ends, twice in the log."""
+    angle = np.mod(log.outputs["angle"] * 4.0 * np.pi, 2.0 * np.pi)
+    return replace(log, outputs={"angle": angle})
+
+
+def overflowing(log: Log) -> Log:
+    """A counter of 16 bits, 5e-5 rad each, that begins anew."""
+    turned = np.mod(9.0 * log.outputs["angle"] + 1.6, 3.2768)
+    return replace(log, outputs={"angle": turned})
+
+
+def exchanged(log: Log) -> Log:
+    goal, angle = log.inputs["goal"], log.outputs["angle"]
+    return replace(log, inputs={"goal": angle}, outputs={"angle": goal})
+
+
+def twice(log: Log) -> Log:
+    return log.at(np.repeat(np.arange(ROWS), 2))
+
+
+def late(log: Log) -> Log:
+    goal = np.concatenate([np.full(40, log.inputs["goal"][0]), log.inputs["goal"][:-40]])
+    return replace(log, inputs={"goal": goal})
+
+
+@pytest.mark.parametrize(
+    ("spoil", "times_as_far"),
+    [(wrapped, 4.0 * np.pi), (overflowing, 9.0), (exchanged, 1.0), (twice, 1.0), (late, 1.0)],
+)
+def test_a_log_that_is_mended_is_the_one_before_the_mistake(
+    spoil: Callable[[Log], Log], times_as_far: float
+) -> None:
+    """But for where it begins; how late a command is, the log says to a third only."""
+    right = recorded(seed=3)
+    (mistake,) = mistakes(spoil(right), PLANT, {})
+    assert mistake.mended is not None
+    mended = mistake.mended(spoil(right))
+    apart = mended.outputs["angle"] - times_as_far * right.outputs["angle"]
+    assert np.ptp(apart) < 0.02 * np.ptp(right.outputs["angle"]) * times_as_far
+    wrong = mended.inputs["goal"] != right.inputs["goal"]
+    assert wrong.mean() < 0.12
+
+
+def test_nothing_is_asked_of_columns_that_have_been_checked() -> None:
+    log = late(recorded(seed=3))
+    for name in ("angle", "goal"):
+        channels = {**log.channels, name: replace(log.channels[name], checked=True)}
+        asked = [*mistakes(replace(log, channels=channels), PLANT, {})]
+        assert bool(asked) is (name != "goal")

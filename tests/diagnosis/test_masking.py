@@ -24,7 +24,7 @@ from servo_models.diagnosis.search.masking import masked_effects
 from servo_models.diagnosis.search.screening import screening_results
 from servo_models.diagnosis.sections import tables
 from servo_models.diagnosis.verdict import Verdict
-from servo_models.identification.priors import prior_parameters
+from servo_models.identification.problem import prior_parameters
 from studies.masked_inertia import listed
 from studies.masked_inertia import rig as rig_with_inertia
 from tests.conftest import Run

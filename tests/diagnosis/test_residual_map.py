@@ -26,7 +26,7 @@ from servo_models.diagnosis.search.candidates import candidates
 from servo_models.diagnosis.search.fitting import FittedModel, Fitter
 from servo_models.effects.residual_map import CURVES, residual_drive, residual_torque
 from servo_models.errors import UserError
-from servo_models.identification.priors import prior_parameters
+from servo_models.identification.problem import prior_parameters
 from studies.withheld.generator.cases import EASY, Case, draw_case
 from studies.withheld.generator.files import write_case
 from tests.support.document import ROOT

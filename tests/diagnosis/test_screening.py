@@ -34,8 +34,13 @@ from servo_models.diagnosis.settings import DEFAULT
 from servo_models.errors import UserError
 from servo_models.identification.linear_inference import solve_box_qp, value_at
 from servo_models.identification.optimise import _Point, _step, descend
-from servo_models.identification.priors import PRIOR_BOUND_SIGMAS, prior_parameters
-from servo_models.identification.problem import REFUSED, Free, free_parameter
+from servo_models.identification.problem import (
+    PRIOR_BOUND_SIGMAS,
+    REFUSED,
+    Free,
+    free_parameter,
+    prior_parameters,
+)
 from tests.support.delayed_motor import DESCRIPTION, describe
 from tests.support.diagnoses import made
 from tests.support.logs import changed, log_of, measured

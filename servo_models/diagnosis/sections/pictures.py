@@ -17,7 +17,7 @@ from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.diagnosis.sections import tables
 from servo_models.diagnosis.signatures import Answers, Codes, Signature, sentence
-from servo_models.identification.priors import PRIOR_BOUND_SIGMAS
+from servo_models.identification.problem import PRIOR_BOUND_SIGMAS
 from servo_models.identification.readings import (
     Reading,
     axis_label,

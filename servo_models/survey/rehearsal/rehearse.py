@@ -31,7 +31,7 @@ from servo_models.diagnosis.search.candidates import LEAST_OVER_TYPICAL, Values,
 from servo_models.diagnosis.verdict import NO_GAP, NOT_IDENTIFIABLE, OUTSIDE, PARAMETERS
 from servo_models.errors import UserError
 from servo_models.identification.fit import checked_logs
-from servo_models.identification.priors import prior_parameters
+from servo_models.identification.problem import prior_parameters
 from servo_models.identification.simulation import prepared
 from servo_models.report.document import Document, Figure, Magnitude, Share, about, choice
 from servo_models.report.numbers import plural
