@@ -22,6 +22,7 @@ from servo_models.analysis.statistics import rms
 from servo_models.core.bounds import is_outside
 from servo_models.core.plant import Plant, Wire
 from servo_models.core.simulate import Model, simulate
+from servo_models.core.stop import Stop
 from servo_models.core.types import Array
 from servo_models.core.workers import ALONE, Workers
 from servo_models.data.audit import Audit, audits, noise_floors
@@ -34,7 +35,7 @@ from servo_models.data.sensor import outliers
 from servo_models.errors import UserError
 from servo_models.identification.optimise import descend
 from servo_models.identification.problem import Problem, prior_parameters
-from servo_models.identification.simulation import prepared
+from servo_models.identification.simulation import InternalSteps, prepared
 from servo_models.identification.starts import with_starts
 from servo_models.units import factor, fitting_unit, other_units, parse
 
@@ -60,7 +61,7 @@ MOST_INTERVAL = 2.0  # sampling interval over the response time: longer ones sho
 LEAST_DURATION = 0.1  # duration of a log over the response time
 FAR_BETTER = 0.5  # error of logs as they would be right over that as they stand, at most
 COST_TOLERANCE = 1e-3  # relative decrease of the cost that ends a trial
-MOST_STEPS = 10  # of a trial
+MOST_STEPS = 5  # of a trial
 ANSWERED = 0.05  # distance from the end of a step response over the whole, at which it is answered
 
 
@@ -612,13 +613,20 @@ def retuned(told: Description, logs: Sequence[Log], workers: Workers = ALONE) ->
     """Error that re-tuned parameters leave, see ``error``; infinite where nothing can be fitted."""
     floors = noise_floors(audits(logs, told.model.plant))
     try:
-        problem = Problem(told.model, logs, prior_parameters(told), floors, workers)
+        steps = InternalSteps(told.model, floors, Stop())
+        problem = Problem(told.model, logs, prior_parameters(told), floors, workers, steps=steps)
         vector = problem.start
-        if problem.free:
+        if problem.free and not _is_endless(told.model, logs):
             vector, _, _ = descend(problem, vector, COST_TOLERANCE, MOST_STEPS)
         return error(problem.responses(vector), logs)
     except UserError:
         return np.inf
+
+
+def _is_endless(model: Model, logs: Sequence[Log]) -> bool:
+    """Whether times are so much too long that one run is all that can be waited for."""
+    longest = LONGEST * model.values.get("internal_step", math.inf)
+    return sum(log.duration for log in logs) > longest
 
 
 def error(responses: Sequence[Mapping[str, Array]], logs: Sequence[Log]) -> float:
