@@ -22,7 +22,6 @@ from servo_models.analysis.statistics import rms
 from servo_models.core.bounds import is_outside
 from servo_models.core.plant import Plant, Wire
 from servo_models.core.simulate import Model, simulate
-from servo_models.core.stop import Stop
 from servo_models.core.types import Array
 from servo_models.core.workers import ALONE, Workers
 from servo_models.data.audit import Audit, audits, noise_floors
@@ -611,22 +610,20 @@ def _mended(logs: Sequence[Log], of: Log, mistake: Mistake) -> list[Log]:
 
 def retuned(told: Description, logs: Sequence[Log], workers: Workers = ALONE) -> float:
     """Error that re-tuned parameters leave, see ``error``; infinite where nothing can be fitted."""
-    floors = noise_floors(audits(logs, told.model.plant))
+    model, most = told.model, LONGEST * told.model.values.get("internal_step", np.inf)
+    floors = noise_floors(audits(logs, model.plant))
+    # of times that are far too long one run is all that can be waited for
+    is_endless = sum(log.duration for log in logs) > most
+    free = () if is_endless else prior_parameters(told)
+    steps = None if is_endless else InternalSteps(model, floors)
     try:
-        steps = InternalSteps(told.model, floors, Stop())
-        problem = Problem(told.model, logs, prior_parameters(told), floors, workers, steps=steps)
+        problem = Problem(model, logs, free, floors, workers, steps=steps)
         vector = problem.start
-        if problem.free and not _is_endless(told.model, logs):
+        if free:
             vector, _, _ = descend(problem, vector, COST_TOLERANCE, MOST_STEPS)
         return error(problem.responses(vector), logs)
     except UserError:
         return np.inf
-
-
-def _is_endless(model: Model, logs: Sequence[Log]) -> bool:
-    """Whether times are so much too long that one run is all that can be waited for."""
-    longest = LONGEST * model.values.get("internal_step", math.inf)
-    return sum(log.duration for log in logs) > longest
 
 
 def error(responses: Sequence[Mapping[str, Array]], logs: Sequence[Log]) -> float:
