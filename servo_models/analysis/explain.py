@@ -265,11 +265,8 @@ def _parameter_rows(
 
 def _effect_rows(plant: Plant, values: Mapping[str, float]) -> Iterator[tuple[str, ...]]:
     """Parameters of effects; a learnt shape that is off is a row, as its knots say nothing."""
-    placed = (parameter for parameter in plant.parameters.values() if parameter.owner)
-    by_effect: dict[str, list[Parameter]] = {}
-    for parameter in placed:
-        by_effect.setdefault(parameter.owner, []).append(parameter)
-    for name, parameters in by_effect.items():
+    for name in plant.placements:
+        parameters = [it for it in plant.parameters.values() if it.owner == name]
         on = any(values[it.name] != 0.0 for it in parameters if it.param.switch)
         if on or not plant.main(name).effect.hints.learnt:
             yield from _parameter_rows(parameters, values)

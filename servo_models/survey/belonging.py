@@ -165,8 +165,8 @@ def _set_apart(tuned: Mapping[str, Sequence[_Case]], fleet: _Fleet) -> Iterator[
         cases = [case for case in every if case.weights()]
         batch = _batch_by_size(name, cases, fleet.batches, SIZE_CHANCE / len(tuned))
         if mine := [case for case in cases if case.place[0] in fleet.batches.get(batch, ())]:
-            units, joints = ({case.place[k] for case in mine} for k in (0, 1))
-            whole = len(joints) == len(fleet.units)
+            units, joints = ({*names} for names in zip(*(case.place for case in mine)))
+            whole = joints == fleet.units.keys()
             yield _belonging(_Scope(1.0, name, BATCH, batch, joints, units, whole), mine)
         for case in mine:
             case.explain(name)

@@ -169,10 +169,8 @@ def _remarks(told: Sequence[_Told], described: Description, path: Path) -> Itera
         else:
             apart += [f"another {file!r}" for file in other]
         if apart:
-            yield (
-                f"'{source.path}' is of different logs than '{path}': {listed(apart)}. Errors are"
-                f" on those of '{path}'."
-            )
+            differ = f"'{source.path}' is of different logs than '{path}': {listed(apart)}"
+            yield f"{differ}. Errors are on those of '{path}'."
 
 
 def _errors(

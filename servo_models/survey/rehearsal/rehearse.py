@@ -257,11 +257,9 @@ class Rig:
             on = {it.name: shown_value(it, v) for it in switches if (v := model.values[it.name])}
             if on:
                 values = listed(f"{parameter} = {value}" for parameter, value in on.items())
-                cures = listed(f"'{parameter} = 0'" for parameter in on)
-                why = (
-                    f"it is on in the model ({values}), where it is a parameter; to rehearse it as"
-                    f" an effect write {cures} under [parameters] of '{path}'"
-                )
+                off = listed(f"'{parameter} = 0'" for parameter in on)
+                why = f"it is on in the model ({values}), where it is a parameter; to rehearse it"
+                why += f" as an effect write {off} under [parameters] of '{path}'"
             elif link.effect.hints.learnt:
                 why = "it is learnt from what a diagnosis leaves, and never tried: leave it out"
             else:
