@@ -9,7 +9,10 @@ import sys
 from importlib.metadata import version
 
 import servo_models as sm
+from fmu_src.description import FMI2
+from fmu_src.native.description3 import FMI3
 from tests.conftest import Run
+from tests.support.sources import ROOT
 
 
 def test_the_version_is_that_of_the_installed_package(run: Run) -> None:
@@ -59,3 +62,10 @@ def test_a_module_does_not_hide_the_function_of_its_name() -> None:
     )
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True)
     assert found.stdout.decode().split() == ["True", "True"]
+
+
+def test_what_indexes_show_names_every_version_of_fmi_that_is_built() -> None:
+    for file, key in (("pyproject.toml", "description = "), ("CITATION.cff", "title: ")):
+        lines = (ROOT / file).read_text("utf-8").splitlines()
+        shown = next(line for line in lines if line.startswith(key))
+        assert all(version.name in shown for version in (FMI2, FMI3))
