@@ -54,9 +54,9 @@ from servo_models.diagnosis.search.priors import prior_parameters
 from servo_models.diagnosis.verdict import OUTSIDE
 from servo_models.errors import UserError
 from servo_models.files import scratch, write_whole
-from studies.withheld.oracle import FAILED, Diagnosed, Question, ask_oracle, said_of
-from studies.withheld.run import work_through
-from studies.withheld.score import good, join, share
+from servo_models.withheld.oracle import FAILED, Diagnosed, Question, ask_oracle, said_of
+from servo_models.withheld.run import work_through
+from servo_models.withheld.score import good, join, share
 
 Figures = dict[str, Any]
 Find = Callable[[Path], Any]

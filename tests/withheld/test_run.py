@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from servo_models.errors import UserError
-from studies.withheld.run import work_through
+from servo_models.withheld.run import work_through
 
 
 @pytest.mark.thorough
@@ -44,7 +44,7 @@ def test_the_workers_of_a_killed_run_end_with_it(tmp_path: Path) -> None:
     """They went on with their case, half a minute of two processors for nobody."""
     text = (
         "import time; from pathlib import Path\n"
-        "from studies.withheld.run import work_through\n"
+        "from servo_models.withheld.run import work_through\n"
         "work_through(Path('rows'), {'a': 60.0, 'b': 60.0}, time.sleep, 2, lambda *_: None)"
     )
     with subprocess.Popen([sys.executable, "-c", text], cwd=tmp_path) as run:

@@ -29,19 +29,15 @@ from dataclasses import asdict, dataclass, field
 from multiprocessing.connection import wait
 from pathlib import Path
 from threading import Thread
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
-import servo_models
 from servo_models.errors import UserError, did_you_mean
 from servo_models.files import being_written, write_whole
 from servo_models.report.interchange import conditions
 from servo_models.report.result import Result
-from studies.withheld.generator.cases import TIERS
-from studies.withheld.oracle import Diagnosed, Known, Question, ask_oracle, diagnose_case
-from studies.withheld.score import NOTHING, Cases, join
-
-if TYPE_CHECKING:
-    pass
+from servo_models.withheld.generator.cases import TIERS
+from servo_models.withheld.oracle import Diagnosed, Known, Question, ask_oracle, diagnose_case
+from servo_models.withheld.score import NOTHING, Cases, join
 
 Tell = Callable[[int, int, str], None]
 """Called with cases done, cases in all, and what is being done."""
@@ -172,10 +168,14 @@ def sealed_cases(folder: Path, asked: Asked, tell: Tell) -> str:
     return seal
 
 
-def own_code() -> str:
-    """Return the SHA-256 of the code: what two versions say of cases must not be mixed."""
+def own_code(*beside: Path) -> str:
+    """Return the SHA-256 of the code: what two versions say of cases must not be mixed.
+
+    Args:
+        beside: folders with more code than the package.
+    """
     found = hashlib.sha256()
-    for package in (Path(servo_models.__file__).parent, Path(__file__).parents[1]):
+    for package in (Path(__file__).parents[1], *beside):
         for path in sorted(package.rglob("*.py")):
             found.update(path.relative_to(package).as_posix().encode() + b"\0" + path.read_bytes())
     return found.hexdigest()
@@ -187,7 +187,7 @@ def _listed(tiers: object) -> str:
 
 def _generated(folder: Path, asked: Asked, tell: Tell) -> str:
     """Let the generator write its cases; returns their seal."""
-    order = [sys.executable, "-m", "studies.withheld.generator", str(folder)]
+    order = [sys.executable, "-m", "servo_models.withheld.generator", str(folder)]
     order += ["--cases", str(asked.cases), "--seed", str(asked.seed)]
     order += ["--tiers", ",".join(asked.tiers)]
     said = ""
