@@ -132,6 +132,19 @@ def read_description(path: str | Path, trust: bool = False, planned: bool = Fals
     return described(document, chosen, parameters, planned=planned)
 
 
+def code_of(path: Path) -> str | None:
+    """Return the Python file or simulation that a description has run, itself or by its parameter
+    file; None where there is none, or where it cannot be read, so that nothing runs."""
+    try:
+        table = read_toml(path).read(DescriptionTable)
+        names = [table.actuator]
+        if table.params is not None:
+            names.append(read_toml(path.parent / table.params).read(ParameterFile).actuator)
+    except UserError:
+        return None
+    return next((name for name in names if name and is_file(name)), None)
+
+
 def check_is_description(path: Path) -> None:
     """Refuse a log, or a folder, in place of a description.
 

@@ -16,6 +16,7 @@ from urllib.request import Request, urlopen
 
 import pytest
 
+from servo_models import survey
 from servo_models.cli import app
 from tests.support.sources import ROOT
 
@@ -135,3 +136,75 @@ def test_the_module_drops_the_current_folder_before_it_imports_a_library(tmp_pat
         said = run.communicate(timeout=600)[0]
     none_ran(tmp_path)
     assert run.returncode == 0, said
+
+
+DESCRIPTION = '{actuator}\n[[logs]]\nfile = "log.csv"\n'
+NAMES = {
+    "first": 'actuator = "evil.py"',
+    "function": 'actuator = "evil.py:simulate"',
+    "params": 'params = "known.toml"',
+    "both": 'actuator = "sg90"\nparams = "known.toml"',
+}
+"""What a description may hold that has a Python file run, by its name."""
+PLACES = {
+    "descriptions deep in the data": ("data/run_1", "data"),
+    "descriptions in a table": ("data", "data/table.csv"),
+    "drafts that came with the data": ("data_survey/descriptions/data", "data"),
+    "a draft that came with a log": ("data/first_survey/descriptions/data", "data/first.csv"),
+}
+"""Where they lie, and what is surveyed."""
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("where", PLACES)
+def test_what_a_survey_finds_by_itself_runs_if_it_is_trusted_only(
+    tmp_path: Path, where: str
+) -> None:
+    place, asked = PLACES[where]
+    folder = tmp_path / place
+    for made in (folder, tmp_path / "data"):
+        made.mkdir(parents=True, exist_ok=True)
+    for name in (f"{name}.csv" for name in NAMES):
+        (tmp_path / "data" / name).write_text("time [s],voltage [V],angle [deg]\n0,0,0\n0.1,1,0\n")
+    rows = [f"{name}.toml" for name in NAMES]
+    (tmp_path / "data/table.csv").write_text("\n".join(["log", *rows]))
+    for name, words in NAMES.items():
+        (folder / f"{name}.toml").write_text(DESCRIPTION.format(actuator=words))
+    (folder / "known.toml").write_text('actuator = "evil.py"\n')
+    mark = tmp_path / "mark"
+    (folder / "evil.py").write_text(PLANTED.format(mark=str(mark)))
+
+    def failures(*named: str, **options: bool) -> list[str]:
+        found = survey(tmp_path.joinpath(*named), jobs=1, **options).outcomes
+        return [it.failure for it in found if "evil.py" in it.failure]
+
+    held = failures(asked)
+    assert not mark.exists()
+    assert len(held) == (1 if asked == "data/first.csv" else len(NAMES))
+    assert all("--trust" in why for why in held)
+    assert failures(place, "both.toml")
+    assert mark.read_text()  # since who names a description names what lies beside it
+    mark.unlink()
+    assert not any("--trust" in why for why in failures(asked, trust=True))
+    assert mark.read_text()
+
+
+@pytest.mark.thorough
+def test_an_actuator_of_a_job_that_came_with_the_data_is_not_run(tmp_path: Path) -> None:
+    """What is kept of joints names their actuator, which a file of parameters is made from."""
+    for unit in "ab":
+        folder = tmp_path / "data" / unit
+        folder.mkdir(parents=True)
+        (folder / "joint.toml").write_text('actuator = "dc_motor"\n[[logs]]\nfile = "gone.csv"\n')
+    survey(tmp_path / "data", jobs=1)
+    mark, evil = tmp_path / "mark", tmp_path / "data" / "evil.py"
+    evil.write_text(PLANTED.format(mark=str(mark)))
+    size = {"name": "resistance", "unit": "Ohm", "nominal": 1.0, "prior": 0.5, "value": 1.1}
+    changes = {"actuator": str(evil), "variant": "x", "failure": "", "verdict": "parameters"}
+    for job in (tmp_path / "data_survey" / "jobs").glob("*.json"):
+        kept = json.loads(job.read_text()) | changes
+        job.write_text(json.dumps(kept | {"parameters": [size | {"standard_error": 0.1}]}))
+    assert survey(tmp_path / "data", jobs=1).common("joint").actuator == str(evil)
+    assert not mark.exists()
+    survey(tmp_path / "data", jobs=1, trust=True)
+    assert mark.exists()
