@@ -3,10 +3,8 @@
 import os
 import sys
 
-OURS = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
-
 if __name__ == "__main__":
-    if sys.path[0] == os.getcwd() != OURS:
+    if sys.path[0] == os.getcwd() != os.path.dirname(os.path.dirname(__file__)):
         del sys.path[0]  # modules that lie in the current folder came with somebody's data
     from servo_models.cli import main
 

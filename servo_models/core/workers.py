@@ -1,7 +1,4 @@
-"""Threads on which simulations go on together: compiled runs let other threads run.
-
-``python`` is how any other process of Python is started.
-"""
+"""Threads on which simulations go on together, and how another process of Python is started."""
 
 from __future__ import annotations
 
@@ -24,10 +21,9 @@ _thread = threading.local()
 def python(code: str, *words: str) -> list[str]:
     """Return the command that runs Python text, with ``words``, on the path of this process.
 
-    Python by itself looks for every module in the current folder first, and would run what came
-    with somebody's data there.
+    By itself Python looks in the current folder first, and would run what data have there.
     """
-    safe = ["-P"] if sys.version_info >= (3, 11) else []  # before it, nothing is imported sooner
+    safe = ["-P"] if sys.version_info >= (3, 11) else []  # 3.13 imports before it runs the text
     path = [str(folder) for folder in sys.path if folder]  # an empty one is the current folder
     return [sys.executable, *safe, "-c", f"import sys; sys.path[:] = {path!a}; {code}", *words]
 

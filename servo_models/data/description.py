@@ -133,16 +133,13 @@ def read_description(path: str | Path, trust: bool = False, planned: bool = Fals
 
 
 def code_of(path: Path) -> str | None:
-    """Return the Python file or simulation that a description has run, itself or by its parameter
-    file; None where there is none, or where it cannot be read, so that nothing runs."""
+    """Return the file that a description or its parameters have run; None if it cannot be read."""
     try:
         table = read_toml(path).read(DescriptionTable)
-        names = [table.actuator]
-        if table.params is not None:
-            names.append(read_toml(path.parent / table.params).read(ParameterFile).actuator)
+        known = table.params and read_toml(path.parent / table.params).read(ParameterFile).actuator
     except UserError:
         return None
-    return next((name for name in names if name and is_file(name)), None)
+    return next((name for name in (table.actuator, known) if name and is_file(name)), None)
 
 
 def check_is_description(path: Path) -> None:

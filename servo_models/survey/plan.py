@@ -232,8 +232,7 @@ def plan(
 
 def _held(job: Job, named: Path) -> Job:
     """A job that fails where it would run code and nobody has named its description."""
-    code = None if job.failure or job.description == named else code_of(job.description)
-    if code is None:
+    if job.failure or job.description == named or not (code := code_of(job.description)):
         return job
     why = f"it would run '{code}', and the survey found '{job.description}' by itself"
     return replace(job, failure=f"{why}: read both, then say --trust, or survey that file alone")
