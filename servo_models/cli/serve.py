@@ -13,7 +13,6 @@ import re
 import secrets
 import signal
 import subprocess
-import sys
 import threading
 from collections.abc import Sequence
 from dataclasses import replace
@@ -23,6 +22,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from servo_models.core.catalogue import all_actuators
+from servo_models.core.workers import python
 from servo_models.data.scaffold import draft
 from servo_models.data.schema import Column, Table, read_toml
 from servo_models.errors import UserError
@@ -40,6 +40,7 @@ OUTPUTS: dict[str, tuple[str, ...]] = {
 """What each command writes, beside what it prints."""
 DROPPED_LOG, DROPPED = "dropped.csv", "dropped.toml"
 LARGEST_DESCRIPTION = 1 << 20  # bytes
+RUN = "from servo_models.cli import main; sys.exit(main())"
 MOST_LINES = 12  # of progress that are shown
 SILENCE = 30.0  # time [s] after which a connection that says nothing is closed
 TYPES = {".html": "text/html", ".json": "application/json"}
@@ -155,7 +156,7 @@ class Server(ThreadingHTTPServer):
         words = [command, str(description), *OUTPUTS[command], *self.options]
         with (self.folder / names[-1]).open("wb") as file:
             self._job = subprocess.Popen(
-                [sys.executable, "-m", "servo_models", *words],
+                python(RUN, *words),
                 cwd=self.folder,
                 env={**os.environ, "PYTHONUTF8": "1", "SERVO_MODELS_PROGRESS": "lines"},
                 stdin=subprocess.DEVNULL,

@@ -52,7 +52,8 @@ def kept(out: Path) -> dict[str, str]:
 def test_broken_logs_are_rows_and_the_rest_finishes(tmp_path: Path, run: Run) -> None:
     fleet = broken(tmp_path / "fleet", 3)
     shutil.copytree(GIMBAL, fleet / "whole")
-    code, _, _ = run("survey", fleet, "--no-reports", "--jobs", "2", "--out", tmp_path / "out")
+    options = ("--no-reports", "--jobs", "2", "--trust", "--out", tmp_path / "out")
+    code, _, _ = run("survey", fleet, *options)
     assert code == 1
     table = pl.read_csv(tmp_path / "out" / "table.csv")
     assert table["verdict"].to_list() == ["failed", "failed", "failed", "effect"]
@@ -80,7 +81,7 @@ def test_a_job_that_crashes_or_hangs_ends_alone(
     (fleet / "unit_1" / "own.py").write_text(CRASHES.format(what=what))
     text = BROKEN.replace("dc_motor", "own.py")
     (fleet / "unit_1" / "joint.toml").write_text(text)
-    found = survey(fleet, tmp_path / "out", jobs=1, reports=False, time_limit=1.0)
+    found = survey(fleet, tmp_path / "out", jobs=1, reports=False, time_limit=1.0, trust=True)
     first, second = found.outcomes
     assert "logs[1].time: missing" in first.failure
     assert says in second.failure
@@ -149,7 +150,7 @@ def test_parameters_that_units_have_in_common_are_a_file_for_the_other_commands(
 ) -> None:
     for unit in "ab":
         shutil.copytree(GIMBAL, tmp_path / "fleet" / unit)
-    survey(tmp_path / "fleet", tmp_path / "out", jobs=2, reports=False)
+    survey(tmp_path / "fleet", tmp_path / "out", jobs=2, reports=False, trust=True)
     common = tmp_path / "out" / "common" / "gimbal.toml"
     code, out, _ = run("explain", "--params", common, "--trust")
     assert code == 0
@@ -342,8 +343,8 @@ def test_a_cluster_gives_the_same_table_to_the_last_digit(tmp_path: Path, cluste
     fleet = broken(tmp_path / "fleet", 2)
     shutil.copytree(GIMBAL, fleet / "whole")
     address = cluster.scheduler_address  # type: ignore[attr-defined]
-    far = survey(fleet, tmp_path / "far", scheduler=address, reports=False)
-    near = survey(fleet, tmp_path / "near", jobs=2, reports=False)
+    far = survey(fleet, tmp_path / "far", scheduler=address, reports=False, trust=True)
+    near = survey(fleet, tmp_path / "near", jobs=2, reports=False, trust=True)
     for one, other in ((far.table(), near.table()), (far.estimates(), near.estimates())):
         columns = [name for name in one.columns if name != "seconds"]
         assert one.select(columns).equals(other.select(columns))
