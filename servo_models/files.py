@@ -240,20 +240,17 @@ def scratch() -> Iterator[Path]:
     Raises:
         CuredError: its disk is full.
     """
-    place = ""
     try:
-        place = tempfile.gettempdir()  # which looks for one with room
-        with _part(Path(place)) as part:
+        with _part(Path(tempfile.gettempdir())) as part:
             folder = part / "files"
             folder.mkdir()
             yield folder
     except OSError as error:
-        if place and error.errno not in (errno.ENOSPC, errno.EDQUOT):
+        if tempfile.tempdir and error.errno not in (errno.ENOSPC, errno.EDQUOT):
             raise
-        where = f" in '{place}'" if place else ""
         raise CuredError(
-            f"cannot write temporary files{where}: {error.strerror}; make room there, or set TMPDIR"
-            " to a folder on another disk"
+            f"cannot write temporary files: {error.strerror} ({tempfile.tempdir}); make room there,"
+            " or set TMPDIR to a folder on another disk"
         ) from error
 
 

@@ -16,26 +16,14 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Complex = NDArray[np.complex128]
 
-CLASSES: dict[Any, Any] = {float: numbers.Real, tuple: (tuple, list), Any: object}
-"""What a value may be, where that is not the class that its annotation names."""
-WORDS = {
-    float: "a number",
-    str: "a text",
-    tuple: "a tuple, such as (one,)",
-    Mapping: "a dict",
-    NoneType: "None",
-    "Block": "a function with @block above it",
-    "Placement": "place(name, effect, signal)",
-}
-
-
-@functools.cache
-def _kinds(declared: Any) -> dict[str, Any]:
-    return typing.get_type_hints(declared)
+WORDS = {float: "a number", str: "a text", tuple: "a tuple", Mapping: "a dict", NoneType: "None"}
+MADE = {"Block": "a function with @block above it", "Placement": "place(name, effect, signal)"}
+"""What to write for a kind of value, by itself or by its name."""
+_kinds = functools.lru_cache(typing.get_type_hints)
 
 
 def check_fields(declared: Any, where: str) -> None:
-    """Raise ValueError for the first field of a dataclass that does not hold what it should."""
+    """Raise ValueError for the first field of a dataclass that is not as annotated."""
     of: Any = type(declared)
     for name, kind in _kinds(of).items():
         check_kind(f"'{name}' of {where}", getattr(declared, name), kind)
@@ -43,28 +31,26 @@ def check_fields(declared: Any, where: str) -> None:
 
 def check_kind(where: str, value: Any, kind: Any) -> None:
     """Raise ValueError unless a value, and each entry of it, is of an annotated kind."""
-    of = {
-        typing.get_origin(one) or one: typing.get_args(one)
-        for one in (typing.get_args(kind) if isinstance(kind, UnionType) else (kind,))
-    }
-    fitting = next((one for one in of if isinstance(value, CLASSES.get(one, one))), None)
+    kinds = typing.get_args(kind) if isinstance(kind, UnionType) else (kind,)
+    of = {typing.get_origin(one) or one: typing.get_args(one) for one in kinds}
+    classes: dict[Any, Any] = {float: numbers.Real, tuple: (tuple, list), Any: object}
+    fitting = next((one for one in of if isinstance(value, classes.get(one, one))), None)
     if fitting is None:
-        wanted = [WORDS.get(one) or WORDS.get(one.__name__) or one.__name__ for one in of]
+        wanted = [WORDS.get(one) or MADE.get(one.__name__, one.__name__) for one in of]
         star = ", or put * before it" if isinstance(value, tuple) and "entry" in where else ""
         raise ValueError(f"{where} is {shown(value)}: give {' or '.join(wanted)}{star}")
-    if fitting is tuple:
-        kinds = of[tuple][:1] * len(value) if of[tuple][-1] is ... else of[tuple]
-        after = ""
-        for number, (item, inner) in enumerate(zip(value, kinds), start=1):
-            check_kind(f"entry {number}{after} of {where}", item, inner)
-            after = f", after '{item.name}'," if hasattr(item, "name") else ""
-    elif fitting is Mapping:
+    if fitting is Mapping:
         for key, item in value.items():
             check_kind(f"'{key}' in {where}", item, of[Mapping][1])
+    elif fitting is tuple:
+        after = ""
+        inner = of[tuple][:1] * len(value) if of[tuple][-1] is ... else of[tuple]
+        for number, (item, one) in enumerate(zip(value, inner), start=1):
+            check_kind(f"entry {number}{after} of {where}", item, one)
+            after = f", after '{item.name}'," if hasattr(item, "name") else ""
 
 
 def shown(value: Any) -> str:
-    """Return a short text for any value: itself where it is plain, else what it is."""
-    name = getattr(value, "__name__", "")
+    """Return a value that is plain, of any other what it is."""
     plain = value is None or isinstance(value, str | int | float)
-    return f"{value!r:.60}" if plain else f"a {type(value).__name__} {name}".rstrip()
+    return f"{value!r:.60}" if plain else f"a {type(value).__name__}"

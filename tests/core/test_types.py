@@ -46,7 +46,7 @@ def test_a_field_of_another_kind_is_told(declared: Any, name: str) -> None:
         (("a", None), tuple[str, float], "entry 2 of it is None: give a number"),
         ("a", float | None, "it is 'a': give a number or None"),
         (((1,),), tuple[float, ...], "entry 1 of it is a tuple: give a number, or put * before it"),
-        (max, str, "it is a builtin_function_or_method max: give a text"),
+        (max, str, "it is a builtin_function_or_method: give a text"),
     ],
 )
 def test_what_is_wrong_is_said_with_its_cure(value: Any, kind: Any, told: str) -> None:

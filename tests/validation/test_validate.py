@@ -235,6 +235,7 @@ def test_a_full_disk_is_no_fault_of_the_fmu(
         monkeypatch.setattr("tempfile.mkdtemp", refuse)
     else:
         monkeypatch.setattr("tempfile.gettempdir", nowhere)
+        monkeypatch.setattr("tempfile.tempdir", None)
     for words in ((), ("--static-only",)):
         code, _, err = run("validate", fmu, *words)
         assert (code, err.count("\n")) == (2, 1), err
