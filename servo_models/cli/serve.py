@@ -112,6 +112,11 @@ class Server(ThreadingHTTPServer):
             self._job.kill()
             self._job.wait()
 
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Print what is wrong here, and nothing where a client has left before its answer."""
+        if not isinstance(sys.exc_info()[1], ConnectionError):
+            super().handle_error(request, client_address)
+
     def do(self, name: str, content: bytes) -> None:
         """Run a command, on the dropped log if ``content`` describes it; or ``log``, ``stop``.
 
