@@ -16,7 +16,7 @@ from servo_models.core.plant import Plant, Wire
 from servo_models.core.types import Array
 from servo_models.data.clock import JITTERY, Sampling, sampling
 from servo_models.data.log import Log
-from servo_models.data.mistakes import Mistake, mistakes
+from servo_models.data.mistakes import CLIPPING, Mistake, mistakes
 from servo_models.data.outliers import POSITIONS
 from servo_models.data.sensor import (
     FLAG,
@@ -72,7 +72,7 @@ class Audit:
     @property
     def clipped(self) -> tuple[str, ...]:
         """Which readings stay at an end of their range, one sentence each."""
-        told = tuple(text for text in self.mistakes if "saturation" in text.imitated_by)
+        told = tuple(text for text in self.mistakes if CLIPPING in text)
         return told or tuple(text for reading in self.readings for text in _about_ends(reading))
 
 

@@ -56,6 +56,7 @@ AHEAD_SHARE = 0.05  # motion ahead of jumps over the answer in the rows after th
 LOADS = ("N", "N.m")  # units of inputs that are no command
 AVERAGED = -0.35  # correlation of third differences below which readings are means; -1/2 in theory
 ELSE_AVERAGED = 0.6  # correlation elsewhere over this one, at most, if readings are means
+CLIPPING = "is clipped"
 CLIPPED_NOISE = 3.0  # standard deviations to which third differences are cut: a jump counts little
 NO_KINK = 0.8
 """Correlation of fourth differences from row to row from which there is no kink: -4/5 in white
@@ -234,7 +235,7 @@ def _held(log: Log, name: str, values: Array, step: float) -> Iterator[Mistake]:
     rows = int(lengths[ends].sum())
     if rows > HELD_SHARE * len(values) and ends.sum() > 1:
         yield Mistake(
-            f"'{name}' is clipped: it stays at an end of its range, without noise, in {rows} rows;"
+            f"'{name}' {CLIPPING}: it stays at an end of its range, without noise, in {rows} rows;"
             " log smaller moves, or with a wider range",
             "saturation",
             "end_stops",

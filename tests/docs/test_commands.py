@@ -15,6 +15,7 @@ import typer
 
 from servo_models.cli import USAGE_ERROR, app
 from servo_models.core.catalogue import all_actuators, effects
+from studies.__main__ import GENERATOR
 from tests.conftest import Run
 from tests.support.document import ROOT, SAVED, STEP
 
@@ -201,7 +202,8 @@ def test_every_command_is_understood(page: Path) -> None:
 def test_python_is_given_what_is_there(page: Path) -> None:
     """Files and modules, and options that stand in their sources."""
     text = text_of(page)
-    for _, words, _ in (it for it in commands(page) if it.program == "python"):
+    for _, given, _ in (it for it in commands(page) if it.program == "python"):
+        words = [word for word in given if word != "-P"]
         if words[0] == "-c":
             continue
         name = words[1] if words[0] == "-m" else words[0]
@@ -210,7 +212,8 @@ def test_python_is_given_what_is_there(page: Path) -> None:
                 sources = [ROOT / word.split("::")[0] for word in words[2:] if ".py" in word]
                 assert all(source.exists() for source in sources), words
                 continue
-            name = ".".join([name, *words[2:3]]) if name == "studies" else name
+            if name == "studies" and words[2:]:
+                name = f"{'servo_models' if words[2] == GENERATOR else name}.{words[2]}"
             found = importlib.util.find_spec(name)
             assert found is not None, words
             sources = [Path(str(found.origin))]
