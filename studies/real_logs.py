@@ -183,9 +183,8 @@ def learnt(found: Diagnosis) -> list[str]:
     sizes = [
         f"{np.sqrt(np.mean(squares)):.3g}"
         for model in (found.selection.taken, one.fitted)
-        if len(
-            squares := np.concatenate([*model.problem.held_out_squares(model.values), np.empty(0)])
-        )
+        for logs in [model.problem.held_out_squares(model.values)]
+        if len(squares := np.concatenate([it.ravel() for it in logs]))
     ]
     held = f"; held out by the description: {' -> '.join(sizes)}" if sizes else ""
     return [
