@@ -146,7 +146,8 @@ def test_a_held_out_log_that_is_missed_is_part_of_the_verdict(
         for one in (selection.taken, selection.retuned)
     )
     selection = replace(selection, taken=both, retuned=alone)
-    told = replace(found, selection=selection, logs=logs, held_out=held_out_scores(selection))
+    scores = held_out_scores(selection)
+    told = replace(found, selection=selection, logs=logs, held_out=scores, floors=floors)
     retuned = changed(found.model, selection.retuned.values)
     runs = [simulate(it, log.times, log.inputs) for it in (found.model, retuned, found.fitted)]
     seen = {"angle": logs[1:], "current": logs[1:2]}
