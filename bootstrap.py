@@ -63,7 +63,9 @@ def _set_up(extras: str) -> None:
     quiet = ["--quiet", "--disable-pip-version-check"]
     try:
         venv.create(ENVIRONMENT, with_pip=True)
-        subprocess.run([_python(), "-m", "pip", "install", *quiet, "-e", target], check=True)
+        subprocess.run(
+            [_python(), "-m", "pip", "install", *quiet, "-e", target], check=True, cwd=HERE
+        )
     except (subprocess.CalledProcessError, OSError) as error:
         _fail(
             f"could not set up {ENVIRONMENT.name}: {error}; check that a package registry can"

@@ -175,7 +175,7 @@ def processor_time(path: Path, left_out: tuple[str, ...] = ()) -> float:
 def compared_cases(folder: Path) -> dict[str, Path]:
     """Descriptions of the cases that two codes are compared by, by their titles."""
     cases: dict[str, Path] = {}
-    order = [sys.executable, "-m", "studies.withheld.generator", str(folder / "withheld")]
+    order = [sys.executable, "-m", "servo_models.withheld.generator", str(folder / "withheld")]
     order += ["--cases", str(WITHHELD), "--seed", str(SEED)]
     subprocess.run(order, check=True, capture_output=True)
     for k, path in enumerate(sorted((folder / "withheld" / "cases").iterdir())):

@@ -23,6 +23,10 @@ class UserError(Exception):
         super().__init__(printable(str(text), LONGEST))
 
 
+class CuredError(UserError):
+    """Wrong input whose text ends with the cure, so that who catches it has none to add."""
+
+
 @contextlib.contextmanager
 def told_at(where: str, *others: type[Exception]) -> Iterator[None]:
     """Put what is wrong, also as an exception of other kinds, behind where that is."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import atexit
 import contextlib
+import errno
 import functools
 import glob
 import hashlib
@@ -24,7 +25,7 @@ from collections.abc import Callable, Iterator
 from contextvars import ContextVar
 from pathlib import Path
 
-from servo_models.errors import UserError
+from servo_models.errors import CuredError, UserError
 
 SEAL = "sealed.json"  # file of a cache entry: its name and the SHA-256 of its other files
 _PREFIX, _SUFFIX = ".servo-models-", ".part"
@@ -234,11 +235,23 @@ def _sealed(folder: Path) -> bool:
 
 @contextlib.contextmanager
 def scratch() -> Iterator[Path]:
-    """A temporary folder that goes at the end."""
-    with _part(Path(tempfile.gettempdir())) as part:
-        folder = part / "files"
-        folder.mkdir()
-        yield folder
+    """A temporary folder that goes at the end.
+
+    Raises:
+        CuredError: its disk is full.
+    """
+    try:
+        with _part(Path(tempfile.gettempdir())) as part:
+            folder = part / "files"
+            folder.mkdir()
+            yield folder
+    except OSError as error:
+        if tempfile.tempdir and error.errno not in (errno.ENOSPC, errno.EDQUOT):
+            raise
+        raise CuredError(
+            f"cannot write temporary files: {error.strerror} ({tempfile.tempdir}); make room there,"
+            " or set TMPDIR to a folder on another disk"
+        ) from error
 
 
 @functools.cache

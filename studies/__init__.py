@@ -1,5 +1,5 @@
-"""What the figures of this project rest on: withheld cases, a second plant, and one study a file.
+"""What the figures of this project rest on: withheld answers, a second plant, studies.
 
-Nothing in ``servo_models`` needs it but ``servo-models blind``.  ``python -m studies`` lists the
-studies; ``python -m studies NAME --help`` says what one does.
+A folder for checkouts: the wheel has ``servo_models.withheld``, which makes and judges withheld
+cases.  ``python -m studies`` lists all; ``python -m studies NAME --help`` says what one does.
 """

@@ -8,6 +8,8 @@ import sys
 from pathlib import Path
 
 HERE = Path(__file__).parent
+GENERATOR = "withheld.generator"
+"""The one that is in the package, since ``servo-models blind`` needs it."""
 
 
 def named() -> dict[str, str]:
@@ -17,6 +19,7 @@ def named() -> dict[str, str]:
         ".".join(path.parent.relative_to(HERE).parts): path
         for path in HERE.glob("*/**/__main__.py")
     }
+    files[GENERATOR] = HERE.parent / "servo_models" / GENERATOR.replace(".", "/") / "__main__.py"
     return {
         name: (ast.get_docstring(ast.parse(files[name].read_text("utf-8"))) or "").splitlines()[0]
         for name in sorted(files)
@@ -31,7 +34,8 @@ def main() -> int:
         return 0 if len(sys.argv) < 2 else 2
     name = sys.argv.pop(1)
     sys.argv[0] = f"python -m studies {name}"
-    runpy.run_module(f"studies.{name}", run_name="__main__", alter_sys=True)
+    package = "servo_models" if name == GENERATOR else "studies"
+    runpy.run_module(f"{package}.{name}", run_name="__main__", alter_sys=True)
     return 0
 
 

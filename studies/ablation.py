@@ -12,7 +12,7 @@ The diagnosis with all rules notes in which cases each of them did something, an
 on those alone: on the first ``--limit`` of them.  A rule that is a setting is tried on the first
 cases whatever it did.  In the table an answer *differs* in any number.  A case is *lost* where its
 answer is right with the rule alone, and *gained* where it is right without it alone, as
-``studies.withheld.score.good`` says.  Processor seconds are over those with all rules on the
+``servo_models.withheld.score.good`` says.  Processor seconds are over those with all rules on the
 same cases.  Lines are those of the functions that would go.
 """
 

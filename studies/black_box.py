@@ -23,7 +23,7 @@ from typing import Any
 from servo_models import build, diagnose, read_description
 from servo_models.core.catalogue import effects
 from servo_models.files import scratch
-from studies.withheld.score import share
+from servo_models.withheld.score import share
 
 BORDER = (
     "transport_delay",

@@ -23,9 +23,9 @@ from typing import Any
 
 from servo_models.diagnosis.verdict import OUTSIDE
 from servo_models.files import write_whole
-from studies.withheld.oracle import Diagnosed, Known
-from studies.withheld.score import FIGURES, Case, calibration, confusion
-from studies.withheld.sections import BARS, MOST_WANTED, standing
+from servo_models.withheld.oracle import Diagnosed, Known
+from servo_models.withheld.score import FIGURES, Case, calibration, confusion
+from servo_models.withheld.sections import BARS, MOST_WANTED, standing
 
 PAGE = Path(__file__).parents[1] / "docs" / "studies" / "blind.md"
 TABLES = Path(__file__).with_name("blind_runs")
@@ -66,7 +66,7 @@ the noise follows from it:
 
 The recording of a *rough* case has one or two faults: uneven rows, dropped rows, a command and a
 judged reading in coarse steps, rows stamped as they arrive, single wild readings, a constant that
-is 2 to 4 standard deviations from its nominal value (`studies/withheld/generator/faults.py`).
+is 2 to 4 standard deviations from its nominal value (`servo_models/withheld/generator/faults.py`).
 
 On the hard tier a single cause, of the catalogue or not, comes with a *hidden* effect of 30 % of
 its gap. A cause is *separated* from its best rival where the two, both fitted to the log without

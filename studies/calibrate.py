@@ -26,14 +26,14 @@ from servo_models.core.types import Array
 from servo_models.diagnosis.calibration import DATA, MOST_PROBABILITY, Map, probability
 from servo_models.diagnosis.verdict import OUTSIDE
 from servo_models.files import write_whole
-from studies.blind import BEFORE, case_of, known_cases, known_runs, row_of
-from studies.withheld.score import (
+from servo_models.withheld.score import (
     Case,
     calibration_error,
     log_loss,
     sure_ones_right,
     told_surely,
 )
+from studies.blind import BEFORE, case_of, known_cases, known_runs, row_of
 
 FIGURES = (calibration_error, sure_ones_right, log_loss, told_surely)
 FOLDS, FEWEST_SEEDS = 6, 3

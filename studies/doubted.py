@@ -25,9 +25,9 @@ import numpy as np
 from servo_models.diagnosis.calibration import DATA, calibrated, doubtful
 from servo_models.diagnosis.verdict import EFFECT, EFFECTS
 from servo_models.files import write_whole
+from servo_models.withheld.score import share
 from studies.calibrate import DIGITS, learn, text_of
 from studies.golden import truths
-from studies.withheld.score import share
 
 EDGES = (0.0, 0.5, 0.9, 1.0)  # of the probability by weight alone
 

@@ -30,7 +30,7 @@ import servo_models as sm
 from servo_models.core.simulate import Model
 from servo_models.core.types import Array
 from servo_models.diagnosis.result import Diagnosis
-from studies.rig.laws import CODE
+from servo_models.withheld.rig.laws import CODE
 
 STEP_S = 5e-3
 NOISE_COUNTS = 0.5

@@ -44,11 +44,11 @@ from servo_models.report.sections import Section, Table
 from servo_models.survey.belonging import BATCH, MODEL, SINGLE, UNIT, Belonging
 from servo_models.survey.job import Outcome
 from servo_models.survey.survey import Survey, survey
+from servo_models.withheld.score import Statistic, mean, share
+from servo_models.withheld.sections import AT_LEAST, AT_MOST, COLUMNS, Bar, figure_rows
 from studies.second_plant import rigs
 from studies.second_plant.judge import sets_of
 from studies.second_plant.rigs import FARTHEST, MOTORS, UNCERTAINTY, Rig
-from studies.withheld.score import Statistic, mean, share
-from studies.withheld.sections import AT_LEAST, AT_MOST, COLUMNS, Bar, figure_rows
 
 CLEAN, PLANTED, WORN, LATE = "clean", "planted", "worn", "late"
 JOINTS = 6

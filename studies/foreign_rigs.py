@@ -29,12 +29,12 @@ import numpy as np
 from servo_models import diagnose
 from servo_models.diagnosis.ranking import RankedEffect
 from servo_models.diagnosis.verdict import NO_GAP, OUTSIDE, PARAMETERS
+from servo_models.withheld.generator.simulation import read, settled, travelled
+from servo_models.withheld.rig.laws import CODE, Array, code_of
+from servo_models.withheld.rig.recording import TIME, column, csv, description
+from servo_models.withheld.score import share
 from studies import black_box
-from studies.rig.laws import CODE, Array, code_of
-from studies.rig.recording import TIME, column, csv, description
 from studies.second_plant.rigs import FARTHEST, LOGS, goals
-from studies.withheld.generator.simulation import read, settled, travelled
-from studies.withheld.score import share
 from tests.support.foreign_fmus import Foreign, Var
 
 PLANTED, CLEAN = 10, 3  # rigs of a kind with an effect, and without

@@ -33,8 +33,8 @@ from servo_models.errors import UserError
 from servo_models.files import scratch
 from servo_models.identification.check import check
 from servo_models.units import factor
+from servo_models.withheld.score import share
 from studies.golden import located
-from studies.withheld.score import share
 
 SERVOS = ("smart_servo", "second_order_servo", "sg90")
 MOTORS = ("dc_motor", "dc_motor_current", "dc_motor_speed", "torque_motor")

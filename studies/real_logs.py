@@ -183,9 +183,8 @@ def learnt(found: Diagnosis) -> list[str]:
     sizes = [
         f"{np.sqrt(np.mean(squares)):.3g}"
         for model in (found.selection.taken, one.fitted)
-        if len(
-            squares := np.concatenate([*model.problem.held_out_squares(model.values), np.empty(0)])
-        )
+        for logs in [model.problem.held_out_squares(model.values)]
+        if len(squares := np.concatenate([it.ravel() for it in logs]))
     ]
     held = f"; held out by the description: {' -> '.join(sizes)}" if sizes else ""
     return [
@@ -260,7 +259,7 @@ def main() -> None:
         "Made by `python -m studies real_logs`; the measured logs are not in this"
         " repository. Each diagnosis begins with a simple model. *Held out* are samples that no"
         " fit has seen (noise floors and codes are taken from whole logs). *Before* is the"
-        " diagnosis of commit cae452d, in noise floors held out. *Wrong* compares the"
+        " diagnosis of commit cae452d, in noise floors on blocks. *Wrong* compares the"
         " effects named, those in the set included, with those that were known; values are not"
         " compared. The table of effects has for each"
         " one its probability, and the error that is left with the best explanation that has it,"

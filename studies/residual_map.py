@@ -40,7 +40,7 @@ from servo_models.core.types import Array
 from servo_models.diagnosis.residual_map import Curve, ResidualMap
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.effects.residual_map import KNOTS
-from studies.withheld.score import share
+from servo_models.withheld.score import share
 
 CAUSES = ("quadratic", "asymmetric", "kink", "load", "position", "none")
 OF = {

@@ -8,12 +8,12 @@ from pathlib import Path
 from servo_models.diagnosis.schema import DiagnosisDocument
 from servo_models.files import write_whole
 from servo_models.report.document import Document, schema_of
-from studies.withheld.sections import CheckDocument
+from servo_models.withheld.sections import CheckDocument
 
 ROOT = Path(__file__).parents[1]
 FILES: dict[Path, type[Document]] = {
     ROOT / "servo_models" / "diagnosis" / "schema.json": DiagnosisDocument,
-    ROOT / "studies" / "withheld" / "schema.json": CheckDocument,
+    ROOT / "servo_models" / "withheld" / "schema.json": CheckDocument,
 }
 
 

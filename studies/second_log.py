@@ -38,7 +38,7 @@ from scipy.stats import binomtest
 
 from servo_models.diagnosis.diagnose import Diagnosis, diagnose
 from servo_models.diagnosis.verdict import EFFECT, EFFECTS
-from studies.withheld.generator.cases import (
+from servo_models.withheld.generator.cases import (
     CLEAN,
     Case,
     another_command,
@@ -46,8 +46,8 @@ from studies.withheld.generator.cases import (
     kind_of,
     with_log,
 )
-from studies.withheld.generator.files import write_case
-from studies.withheld.score import share
+from servo_models.withheld.generator.files import write_case
+from servo_models.withheld.score import share
 
 ASKED, CONTROL = "asked", "control"
 CONTROL_COMMAND, NOISE = 1, 2

@@ -32,7 +32,7 @@ from servo_models.data.log import Channel, Log, Start
 from servo_models.identification.fit import fit
 from servo_models.identification.simulation import prepared
 from servo_models.identification.starts import with_starts
-from studies.withheld.score import share
+from servo_models.withheld.score import share
 
 ACTUATORS = {
     ("sg90", "measured"): "amplifier_gain",

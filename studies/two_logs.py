@@ -32,9 +32,9 @@ from servo_models.diagnosis.diagnose import Diagnosis, diagnose
 from servo_models.diagnosis.search.candidates import candidates
 from servo_models.diagnosis.search.fitting import Fitter
 from servo_models.identification.problem import prior_parameters
-from studies.withheld.generator.cases import CLEAN, Case, draw_case, kind_of, with_log
-from studies.withheld.generator.files import write_case
-from studies.withheld.score import Statistic, share
+from servo_models.withheld.generator.cases import CLEAN, Case, draw_case, kind_of, with_log
+from servo_models.withheld.generator.files import write_case
+from servo_models.withheld.score import Statistic, share
 
 SIZES = (1.0, 0.3)  # sizes of a command over the half range of the first one
 PACES = (0.004, 0.012, 0.04, 0.12)  # paces over the length of a log

@@ -176,7 +176,7 @@ def entry(name: str, case: Case, told: Description, found: Diagnosis, folder: Pa
     else:
         lines += ["The terms of these logs are not stated, so there are figures and no curves.", ""]
     gap = tables.gap(found)
-    lines += ["## Errors", "", "RMS, with 95 % intervals, on stretches that no fit has seen."]
+    lines += ["## Errors", "", "RMS, with 95 % intervals, on blocks that a fit left out."]
     lines += table(gap.headings, gap.texts)
     lines += ["## Parameters", "", f"Those that were fitted; [{PARAMETERS}]({PARAMETERS}) has all."]
     lines += parameters(found)

@@ -32,7 +32,7 @@ def compiled(name: str) -> str:
 
 def generated(folder: str) -> str:
     """Make a few withheld cases, so that their simulation is compiled into the cache of numba."""
-    words = ["-m", "studies.withheld.generator", folder, "--cases", "4", "--seed", "1"]
+    words = ["-m", "servo_models.withheld.generator", folder, "--cases", "4", "--seed", "1"]
     subprocess.run([sys.executable, *words], check=True, capture_output=True)
     return "the generator of withheld cases"
 

@@ -16,6 +16,7 @@ import sys
 import tempfile
 from importlib.metadata import distributions
 from pathlib import Path
+from zipfile import ZipFile
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
@@ -97,6 +98,11 @@ def main(out: Path) -> None:
         if wheel.read_bytes() != again[files.index(wheel)].read_bytes():
             raise SystemExit(f"{wheel.name}: two builds of one commit differ")
         print(f"{wheel.name}: the same {wheel.stat().st_size} bytes twice")
+        names = {
+            it.partition("/")[0] for it in ZipFile(wheel).namelist() if ".dist-info/" not in it
+        }
+        if names != {"servo_models", "fmu_src"}:
+            raise SystemExit(f"{wheel.name}: it has the names {sorted(names)}")
         print(run(tools, "-m", "twine", "check", "--strict", *files).strip())
         at_hand = [it for it in PYTHONS if runs(f"python{it}")]
         tried = [(it, ()) for it in at_hand] + [(it, tuple(lowest())) for it in at_hand[:1]]

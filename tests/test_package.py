@@ -4,12 +4,19 @@ from __future__ import annotations
 
 import doctest
 import pydoc
+import re
 import subprocess
 import sys
+from fnmatch import fnmatchcase
 from importlib.metadata import version
 
+import pytest
+
 import servo_models as sm
+from fmu_src.description import FMI2
+from fmu_src.native.description3 import FMI3
 from tests.conftest import Run
+from tests.support.sources import ROOT
 
 
 def test_the_version_is_that_of_the_installed_package(run: Run) -> None:
@@ -59,3 +66,31 @@ def test_a_module_does_not_hide_the_function_of_its_name() -> None:
     )
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True)
     assert found.stdout.decode().split() == ["True", "True"]
+
+
+def test_what_indexes_show_names_every_version_of_fmi_that_is_built() -> None:
+    for file, key in (("pyproject.toml", "description = "), ("CITATION.cff", "title: ")):
+        lines = (ROOT / file).read_text("utf-8").splitlines()
+        shown = next(line for line in lines if line.startswith(key))
+        assert all(version.name in shown for version in (FMI2, FMI3))
+
+
+def listed(key: str) -> list[str]:
+    """The strings of a list in pyproject.toml."""
+    text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    return re.findall(r'"([^"]+)"', text.split(f"\n{key} = [")[1].split("]\n")[0])
+
+
+def test_the_wheel_has_two_names() -> None:
+    """Any other name of ours would lie in everybody's site-packages."""
+    folders = {path.name for path in ROOT.iterdir() if path.is_dir()}
+    taken = {name for name in folders if any(fnmatchcase(name, it) for it in listed("include"))}
+    assert taken - {"servo_models.egg-info"} == {"servo_models", "fmu_src"}
+
+
+@pytest.mark.parametrize("package", ["servo_models", "fmu_src"])
+def test_the_wheel_has_every_file(package: str) -> None:
+    """A file that is no Python is in the wheel if a pattern of package-data takes it."""
+    taken = {path for it in listed(package) for path in (ROOT / package).glob(it)}
+    every = {path for path in (ROOT / package).rglob("*.*") if "__pycache__" not in path.parts}
+    assert {path for path in every if path.suffix != ".py"} == taken

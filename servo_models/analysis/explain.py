@@ -181,7 +181,8 @@ def _effect_sheet(name: str) -> Report:
         (
             Table("Acts on", ("actuator", "as", "wire"), where),
             Table(
-                "Parameters; while those marked * are 0 it does nothing",
+                "Parameters of each actuator's first variant (of others: explain ACTUATOR --variant"
+                " NAME); while those marked * are 0 it does nothing",
                 ("actuator", *_PARAMETER_COLUMNS),
                 parameters,
             ),
@@ -230,7 +231,8 @@ def actuator_sheet(
             Table(
                 f"Parameters of effects, {whose}; while those marked * are 0 it does nothing",
                 _PARAMETER_COLUMNS,
-                tuple(_parameter_rows(placed, shown)),
+                # the page of an FMU has every start value
+                tuple(_parameter_rows(placed, shown) if values else _effect_rows(plant, shown)),
             ),
         ),
     )
@@ -259,6 +261,18 @@ def _parameter_rows(
             display_unit(parameter),
             param.about,
         )
+
+
+def _effect_rows(plant: Plant, values: Mapping[str, float]) -> Iterator[tuple[str, ...]]:
+    """Parameters of effects; a learnt shape that is off is a row, as its knots say nothing."""
+    for name in plant.placements:
+        parameters = [it for it in plant.parameters.values() if it.owner == name]
+        on = any(values[it.name] != 0.0 for it in parameters if it.param.switch)
+        if on or not plant.main(name).effect.hints.learnt:
+            yield from _parameter_rows(parameters, values)
+        else:
+            about = f"learnt shape, {len(parameters)} parameters: see 'explain {name}'"
+            yield f"{name}*", "0", "", "", "", about
 
 
 def _chain_rows(plant: Plant) -> Iterator[tuple[str, str, str]]:

@@ -44,7 +44,7 @@ def blind(
     """
     from servo_models.cli.console import progress, show
     from servo_models.files import scratch
-    from studies.withheld.run import Asked, check_tiers, run_blind
+    from servo_models.withheld.run import Asked, check_tiers, run_blind
 
     check_outputs((json, ".json"))
     asked = Asked(cases, seed, check_tiers(tiers))

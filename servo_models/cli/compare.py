@@ -29,7 +29,7 @@ def compare(
     """Compare diagnoses and parameter sets on the same logs.
 
     It tells the errors that each leaves and the values in which they differ; what
-    has changed since a file was written is said.
+    has changed since a file was written is said, and which are of different logs.
 
     Examples:
 

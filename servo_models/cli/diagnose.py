@@ -69,8 +69,9 @@ def diagnose(
 
     Nominal parameters are re-tuned inside the uncertainties that the
     description gives; what they leave is explained by effects.  Figures are
-    of stretches that no fit has seen.  Commands of the next experiments are
-    written beside --json and --report (.csv).
+    of what the description holds out, then of blocks that a fit left out.
+    Commands of the next experiments are written beside --json and --report
+    (.csv).
 
     A first answer is told on standard error and then refined.  Ctrl-C, or a
     limit, ends the search: the best so far is told and written, with what was

@@ -197,7 +197,7 @@ Trust = Annotated[
     typer.Option(
         "--trust",
         help="Run the Python file of the actuator even if it does not lie beside the file that"
-        " names it.",
+        " names it, or if a survey found that file by itself.",
     ),
 ]
 Variant = Annotated[

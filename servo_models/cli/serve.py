@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from servo_models.core.catalogue import all_actuators
+from servo_models.core.workers import python
 from servo_models.data.scaffold import draft
 from servo_models.data.schema import Column, Table, read_toml
 from servo_models.errors import UserError
@@ -40,6 +41,7 @@ OUTPUTS: dict[str, tuple[str, ...]] = {
 """What each command writes, beside what it prints."""
 DROPPED_LOG, DROPPED = "dropped.csv", "dropped.toml"
 LARGEST_DESCRIPTION = 1 << 20  # bytes
+RUN = "from servo_models.cli import main; sys.exit(main())"
 MOST_LINES = 12  # of progress that are shown
 SILENCE = 30.0  # time [s] after which a connection that says nothing is closed
 TYPES = {".html": "text/html", ".json": "application/json"}
@@ -111,6 +113,11 @@ class Server(ThreadingHTTPServer):
             self._job.kill()
             self._job.wait()
 
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Print what is wrong here, and nothing where a client has left before its answer."""
+        if not isinstance(sys.exc_info()[1], ConnectionError):
+            super().handle_error(request, client_address)
+
     def do(self, name: str, content: bytes) -> None:
         """Run a command, on the dropped log if ``content`` describes it; or ``log``, ``stop``.
 
@@ -155,7 +162,7 @@ class Server(ThreadingHTTPServer):
         words = [command, str(description), *OUTPUTS[command], *self.options]
         with (self.folder / names[-1]).open("wb") as file:
             self._job = subprocess.Popen(
-                [sys.executable, "-m", "servo_models", *words],
+                python(RUN, *words),
                 cwd=self.folder,
                 env={**os.environ, "PYTHONUTF8": "1", "SERVO_MODELS_PROGRESS": "lines"},
                 stdin=subprocess.DEVNULL,

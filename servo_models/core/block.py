@@ -38,6 +38,8 @@ from dataclasses import dataclass, field, replace
 from string import Formatter
 from typing import Any, Literal
 
+from servo_models.core.types import check_fields
+
 TYPICAL = 0.1  # typical value of a switch over its upper bound, where it has none of its own
 SIGNAL = "signal"  # unit of a parameter that takes the unit and the scale of the wire it acts on
 TIME = "time"  # ``{time}`` in a unit is the plant's full scale of time
@@ -91,6 +93,7 @@ class Param:
     fixed: bool = False
 
     def __post_init__(self) -> None:
+        check_fields(self, "a parameter")
         if self.is_scaled and not _OF_SCALES.fullmatch(self.unit):
             raise ValueError(
                 f"parameter with unit '{self.unit}' ({self.about}): write 'signal', 'signal/s' or"

@@ -8,11 +8,12 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 from servo_models.core.block import RESERVED, SIGNAL, TIME, Bench, Block, Param, check_name
 from servo_models.core.bounds import inside, outside
 from servo_models.core.flat import owned
+from servo_models.core.types import check_fields, check_kind, shown
 from servo_models.errors import UserError, did_you_mean
 from servo_models.units import factor
 
@@ -59,6 +60,7 @@ class Wire:
     bench: tuple[Bench, ...] = ()
 
     def __post_init__(self) -> None:
+        check_fields(self, f"wire '{self.name}'")
         check_name(self.name, f"wire '{self.name}'")
 
 
@@ -76,6 +78,9 @@ class State:
     start: float | str = 0.0
     owner: str = ""
     carried: bool = False
+
+    def __post_init__(self) -> None:
+        check_fields(self, "a state")
 
     @property
     def name(self) -> str:
@@ -104,8 +109,9 @@ class Placement:
     bench: tuple[Bench, ...] = ()
 
     def __post_init__(self) -> None:
-        check_name(self.name, f"effect '{self.name}'")
         where = f"effect '{self.name}'"
+        check_fields(self, where)
+        check_name(self.name, where)
         check_known("argument", self.reads, self.effect.wires, where, ValueError)
         check_known("parameter", self.params, self.effect.params, where, ValueError)
 
@@ -153,6 +159,15 @@ def place(
         >>> sm.place("drive_dead_zone", dead_zone, "voltage").on
         ('voltage',)
     """
+    check_kind("name of place(name, ...)", name, str)
+    if not (isinstance(effect, Block) and effect.acts_on):
+        raise ValueError(
+            f"'{name}': {shown(effect)} is no effect: import one, such as dead_zone of"
+            " servo_models.effects.dead_zone; a block stands in a chain by itself"
+        )
+    check_kind(
+        f"'params' of place('{name}', ...)", params or {}, Mapping[str, Param | Mapping[str, Any]]
+    )
     if len(on) != len(effect.acts_on):
         raise ValueError(f"'{name}': {effect.name} acts on {effect.acts_on}, given {on}")
     absent = Param("1", "of a key that Placement refuses")
@@ -229,6 +244,11 @@ class Plant:
     time_scale: float = 1.0
 
     def __post_init__(self) -> None:
+        check_fields(self, "the plant")
+        for link in self.chain:
+            if isinstance(link, Block) and link.acts_on:
+                name = link.name
+                raise ValueError(f"effect {name} is in no place: place('{name}', {name}, signal)")
         if not 0.0 < self.time_scale < math.inf:
             raise ValueError(f"time_scale = {self.time_scale}: give seconds, more than 0")
         for name in self.constants:
@@ -402,6 +422,9 @@ class Variant:
     command: str = ""
     checked: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        check_fields(self, f"variant '{self.name}'")
+
 
 @dataclass(frozen=True)
 class Checked:
@@ -457,6 +480,7 @@ class GreyBox:
         return len(self.coefficients) - 1
 
 
+@runtime_checkable
 class Inner(Protocol):
     """A simulation that is not ours, between the command and the readings of a plant."""
 
@@ -522,6 +546,7 @@ class Actuator:
     inner: Inner | None = None
 
     def __post_init__(self) -> None:
+        check_fields(self, f"actuator '{self.name}'")
         check_actuator_name(self.name)
         if not self.variants:
             raise ValueError(f"actuator '{self.name}' has no variant: give it one")

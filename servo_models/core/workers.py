@@ -1,8 +1,9 @@
-"""Threads on which simulations go on together: compiled runs let other threads run."""
+"""Threads on which simulations go on together, and how another process of Python is started."""
 
 from __future__ import annotations
 
 import os
+import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
@@ -15,6 +16,16 @@ S = TypeVar("S")
 T = TypeVar("T")
 
 _thread = threading.local()
+
+
+def python(code: str, *words: str) -> list[str]:
+    """Return the command that runs Python text, with ``words``, on the path of this process.
+
+    By itself Python looks in the current folder first, and would run what data have there.
+    """
+    safe = ["-P"] if sys.version_info >= (3, 11) else []  # 3.13 imports before it runs the text
+    path = [str(folder) for folder in sys.path if folder]  # an empty one is the current folder
+    return [sys.executable, *safe, "-c", f"import sys; sys.path[:] = {path!a}; {code}", *words]
 
 
 class Workers:

@@ -132,6 +132,16 @@ def read_description(path: str | Path, trust: bool = False, planned: bool = Fals
     return described(document, chosen, parameters, planned=planned)
 
 
+def code_of(path: Path) -> str | None:
+    """Return the file that a description or its parameters have run; None if it cannot be read."""
+    try:
+        table = read_toml(path).read(DescriptionTable)
+        known = table.params and read_toml(path.parent / table.params).read(ParameterFile).actuator
+    except UserError:
+        return None
+    return next((name for name in (table.actuator, known) if name and is_file(name)), None)
+
+
 def check_is_description(path: Path) -> None:
     """Refuse a log, or a folder, in place of a description.
 

@@ -21,7 +21,7 @@ from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.search.fitting import Fitter
 from servo_models.diagnosis.search.selection import Selection, Tell, select_effects
 from servo_models.diagnosis.settings import DEFAULT, Settings
-from servo_models.diagnosis.stretches import Part, held_out_scores, unlike_parts
+from servo_models.diagnosis.stretches import Part, contradicted, held_out_scores, unlike_parts
 from servo_models.diagnosis.verdict import OUTSIDE, decide
 from servo_models.errors import UserError
 from servo_models.identification.fit import checked_logs
@@ -175,7 +175,7 @@ def _diagnose(
     mistake = _mistake(told, audited, selection) if is_left else ""
     usual = not mistake and not fitter.between_rows
     held_out = held_out_scores(selection)
-    worse = any(one.worse for one in held_out)
+    worse = contradicted(held_out, settings.least_gain)
     # learnt from whole searches in logs as they should be
     calibrated = usual and not selection.unfinished
     known = probabilities(selection, verdict, worse) if calibrated else {}

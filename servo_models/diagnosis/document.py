@@ -5,6 +5,7 @@ as a parameter file, which closes the loop from log to FMU.
 from __future__ import annotations
 
 import datetime
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import permutations
@@ -26,7 +27,7 @@ from servo_models.diagnosis.gap import GapSummary
 from servo_models.diagnosis.ranking import RankedEffect, Value
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.signatures import Codes, Signature, sentence
-from servo_models.diagnosis.stretches import Part
+from servo_models.diagnosis.stretches import Part, held_out_outputs
 from servo_models.diagnosis.verdict import weights_by_effects
 from servo_models.errors import UserError
 from servo_models.identification.result import FIT, HELD_OUT, Accuracy, overall
@@ -63,6 +64,7 @@ def document(diagnosis: Diagnosis) -> schema.DiagnosisDocument:
         ],
         parameters=[_parameter(diagnosis, value) for value in diagnosis.found],
         residual_map=_residual_map(diagnosis),
+        held_out_outputs=held_out_outputs(diagnosis.held_out),
         parts=[_part(part) for part in diagnosis.parts],
         next_experiments=[_experiment(planned) for planned in diagnosis.next_experiments],
         repeats_wanted=diagnosis.repeats_wanted or None,
@@ -259,7 +261,12 @@ def _fitted(diagnosis: Diagnosis, date: datetime.date | None) -> ParameterSet:
         logs={name: f"sha256:{digest}" for name, digest in hashes(diagnosis.logs).items()},
         date=date,
         figures={
-            f"{gap.output}_rms_unseen_blocks": FitFigure(gap.rms["after"], wires[gap.output].unit)
+            f"{name}_rms_held_out": FitFigure(it.after, it.unit)
+            for name, it in held_out_outputs(diagnosis.held_out).items()
+            if math.isfinite(it.after)
+        }
+        | {
+            f"{gap.output}_rms_blocks": FitFigure(gap.rms["after"], wires[gap.output].unit)
             for gap in diagnosis.gaps
         },
         warnings=summary.warnings(diagnosis),
@@ -277,7 +284,7 @@ def _with_map(diagnosis: Diagnosis, date: datetime.date | None) -> ParameterSet:
     if found is None:
         raise UserError(
             "no residual map: it is learnt where something is left outside the catalogue, and only"
-            " if it holds on stretches that no fit has seen"
+            " if it holds on blocks that its fit left out"
         )
     own, model = _fitted(diagnosis, date), diagnosis.with_map
     estimated = {
@@ -288,7 +295,7 @@ def _with_map(diagnosis: Diagnosis, date: datetime.date | None) -> ParameterSet:
         own,
         estimates=with_given(model.actuator.values(model.variant), model.values, estimated),
         method=f"{own.method}; {found.sentence}",
-        figures={"noise_floors_unseen_blocks": FitFigure(found.after, "1")},
+        figures={"noise_floors_blocks": FitFigure(found.after, "1")},
     )
 
 

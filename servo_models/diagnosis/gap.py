@@ -1,4 +1,4 @@
-"""How large a gap is: by output, before and after, on blocks that no fit has seen."""
+"""How large a gap is: by output, before and after, on blocks that a fit left out."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ CONVERGED = 0.9999  # squared error over that before from which another step is 
 
 @dataclass(frozen=True)
 class GapSummary:
-    """How far a gap closes: RMS errors on blocks that the fit of each stage has not seen.
+    """How far a gap closes: RMS errors on blocks that the fit of each stage left out.
 
     Attributes:
         rms: by stage: ``"before"``, ``"retuned"``, ``"after"``.
@@ -75,7 +75,6 @@ def gaps(
     return tuple(
         _gap(name, rows, selection, stages, floors[name], origins[name], seed)
         for name, rows in rows_of(problem).items()
-        if len(rows)
     )
 
 
@@ -92,10 +91,11 @@ def _stages(selection: Selection) -> dict[str, CrossValidation]:
 
 
 def rows_of(problem: Problem) -> dict[str, NDArray[np.int64]]:
-    """Return which weighted errors belong to each output, by name."""
+    """Return which weighted errors belong to each output that a fit may see, by name."""
     rows: dict[str, list[NDArray[np.int64]]] = {}
     for (_, name), record in problem.records.items():
-        rows.setdefault(name, []).append(np.arange(record.start, record.stop))
+        if record.start < record.stop:
+            rows.setdefault(name, []).append(np.arange(record.start, record.stop))
     return {name: np.concatenate(parts) for name, parts in rows.items()}
 
 
@@ -105,7 +105,7 @@ def not_followed(model: FittedModel, least: float = 0.0) -> tuple[str, ...]:
     for name, rows in rows_of(problem).items():
         readings = [log.outputs[name][log.fitted] for log in problem.logs if name in log.outputs]
         motion = float(np.std(np.concatenate(readings))) / problem.sigma[name]
-        left = rms(model.evidence.unseen[rows]) if len(rows) else 0.0
+        left = rms(model.evidence.unseen[rows])
         if left > max(model.settings.followed_share * motion, least):
             names.append(name)
     return tuple(names)

@@ -45,7 +45,7 @@ class RankedEffect:
         in_set: whether it is in the set that cannot be told apart.
         taken: whether the after figures are with it.
         parameters: of the effect, in the best fitted model that has it.
-        gap_after: held-out error [noise floors] of that fitted model.
+        gap_after: error of blocks [noise floors] of that fitted model.
         closed: share of the reducible gap [1] that it closes, None where there is none.
         beside: the other effects of that fitted model.
         converged: False where its fit did not; it is ranked all the same.
@@ -84,7 +84,7 @@ def undetermined(taken: FittedModel) -> tuple[str, ...]:
 def doubted(selection: Selection, verdict: Verdict, worse: bool) -> tuple[str, ...]:
     """Return the effects that were taken and are not said to explain the gap.
 
-    ``worse`` says that what is held out gets worse with them.
+    ``worse`` says that what is held out gets worse with them, or hardly better.
     """
     taken = selection.taken
     if verdict.kind not in (EFFECT, EFFECTS):

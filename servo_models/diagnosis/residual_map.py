@@ -248,9 +248,9 @@ def _learnt(base: FittedModel, name: str, taken: FittedModel) -> ResidualMap | N
 
 
 def _held_out(model: FittedModel) -> float:
-    """Mean squared errors of all samples that the description holds out, 0 where there are none."""
-    squares = np.concatenate([*model.problem.held_out_squares(model.values), np.empty(0)])
-    return float(np.mean(squares)) if len(squares) else 0.0
+    """Mean squared error of all readings that the description holds out, 0 where there is none."""
+    squares = [it.ravel() for it in model.problem.held_out_squares(model.values)]
+    return float(np.mean(every)) if len(every := np.concatenate(squares)) else 0.0
 
 
 def _better(new: Judged, other: Judged, least: float) -> bool:

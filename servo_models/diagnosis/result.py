@@ -26,7 +26,7 @@ from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.diagnosis.search.masking import MaskedEffect
 from servo_models.diagnosis.search.selection import Selection
 from servo_models.diagnosis.settings import Settings
-from servo_models.diagnosis.stretches import HeldOut, Part
+from servo_models.diagnosis.stretches import HeldOut, Part, contradicted, gains
 from servo_models.diagnosis.verdict import (
     NO_GAP,
     OUTSIDE,
@@ -70,7 +70,7 @@ class Diagnosis(Parametrised, Result):
         held_out: what the model leaves of samples that the description holds out, by log.
         tolerance: gap [noise floors] that counts as none.
         residual_map: what is left outside the catalogue, learnt as a shape; None where nothing is,
-            or no shape holds on unseen blocks.
+            or no shape holds on blocks.
         parts: logs, or halves of one, each of which is explained by parameters of its own where
             together they are not; none otherwise.
         between_rows: commands may have been sent any time before the rows that have them: then, and
@@ -192,7 +192,20 @@ class Diagnosis(Parametrised, Result):
     @property
     def doubted(self) -> tuple[str, ...]:
         """Effects that were taken and are not said to explain the gap."""
-        return doubted(self.selection, self.verdict, any(one.worse for one in self.held_out))
+        return doubted(self.selection, self.verdict, self.contradicted)
+
+    @property
+    def contradicted(self) -> bool:
+        """Whether what is held out speaks against the effects that were taken."""
+        effects = self.selection.taken.effects
+        return bool(effects) and contradicted(self.held_out, self.settings.least_gain)
+
+    @property
+    def helps(self) -> bool:
+        """Whether ``fitted`` does better than the nominal model, or leaves noise, where the
+        description holds samples out."""
+        noise = all(one.after <= self.tolerance for one in self.held_out)
+        return noise or gains(self.held_out, "before", self.settings.least_gain)
 
     @property
     def probabilities(self) -> dict[str, float]:

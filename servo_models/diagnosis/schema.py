@@ -11,7 +11,7 @@ from servo_models.data.sensor import Floor
 from servo_models.diagnosis import verdict
 from servo_models.diagnosis.localisation import Breakdown
 from servo_models.diagnosis.residual_map import WORDS
-from servo_models.diagnosis.stretches import HeldOut
+from servo_models.diagnosis.stretches import HeldOut, UnseenOutput
 from servo_models.report.document import (
     Digest,
     Document,
@@ -52,8 +52,9 @@ class Intervals(Document, frozen=True):
 
 
 class Reduction(Document, frozen=True):
-    """RMS errors on blocks of time that the fit of each stage has not seen. ``closed`` is (before -
-    after) / (before - floor); null where there is nothing to close."""
+    """RMS errors on blocks of time that the fit of each stage left out: ``held_out`` is of these,
+    and not of what the description holds out. ``closed`` is (before - after) / (before - floor);
+    null where there is nothing to close."""
 
     before: Magnitude
     retuned: Magnitude
@@ -163,7 +164,7 @@ class Effect(Document, frozen=True):
     ]
     taken: Annotated[bool, about("Whether the gap after, the parameters and the FMU are with it.")]
     parameters: Annotated[list[Value], about("In the best explanation that has it.")]
-    gap_after: Annotated[Figure, about("Noise floors that this explanation leaves held out.")]
+    gap_after: Annotated[Figure, about("Noise floors that this explanation leaves on blocks.")]
     closed: Annotated[Figure, about("Share of the reducible gap that it closes.")]
     converged: bool
     detectability: Annotated[
@@ -229,7 +230,7 @@ class MapCurve(Document, frozen=True):
 
 class LearntMap(Document, frozen=True):
     """What is left outside the catalogue, learnt as a shape; null where nothing is left, or no
-    shape holds on stretches that no fit has seen, whose RMS [noise floors] are ``before`` and
+    shape holds on blocks that a fit left out, whose RMS [noise floors] are ``before`` and
     ``after``. It is the sum of ``curves``; effects ``beside`` it may hold a part of the shape.
     ``parameters`` [SI] are of the diagnosed model with the map, all fitted together."""
 
@@ -358,6 +359,9 @@ class DiagnosisDocument(Document, frozen=True):
     ]
     parts: list[ExplainedPart]
     held_out: Sequence[HeldOut]
+    held_out_outputs: Annotated[
+        dict[str, UnseenOutput], about("All logs of held_out together, by output.")
+    ]
     localisation: Sequence[Breakdown]
     next_experiments: list[NextExperiment]
     repeats_wanted: Annotated[

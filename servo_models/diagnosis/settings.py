@@ -36,12 +36,12 @@ class Settings:
         rival_cost: promised cost over that of the model itself, for an effect that may do as well.
         as_good_share: share of what a model closes that leaves noise only, which another one has to
             promise.
-        enough_floors: held-out error [noise floors] below which no effect joins a model, unless the
-            tolerance is less.
+        enough_floors: error of blocks [noise floors] below which no effect joins a model, unless
+            the tolerance is less.
         entry_gap_share: part of what re-tuned parameters leave above the noise floor [RMS] that a
             first effect has to take away.
-        entry_advantage: twice the log likelihood ratio by which an effect has to predict unseen
-            blocks better, beyond what the best of so many trials does by chance.
+        entry_advantage: twice the log likelihood ratio by which an effect has to predict blocks
+            that it has not seen better, beyond what the best of so many trials does by chance.
         entry_probability: largest probability that so many blocks favour it by chance.
         entry_share: share of the mean square error left that an effect has to take away.
         entry_share_on_bound: that share where a bound holds it back: it may imitate another effect.
@@ -73,6 +73,7 @@ class Settings:
         covered_probability: probability that a set holds the cause.
         temper: factor on the dispersion: what is missing favours a wrong model by more than noise.
         doubt_share: share of what a fitted model surely lacks that may favour a wrong one.
+        least_gain: share of the error held out (RMS) that effects have to take away to be asserted.
         map_closed_share: share of what is left that a map of it has to close.
 
     Raises:
@@ -122,6 +123,7 @@ class Settings:
     covered_probability: float = 0.95
     temper: float = 3.0
     doubt_share: float = 0.02
+    least_gain: float = 0.1
     map_closed_share: float = 0.2
 
     def __post_init__(self) -> None:

@@ -16,6 +16,7 @@ from itertools import combinations
 
 import numpy as np
 
+from servo_models.core.types import Array
 from servo_models.data.log import Log
 from servo_models.diagnosis.localisation.breakdown import grows
 from servo_models.diagnosis.ranking import Value, estimates
@@ -23,39 +24,91 @@ from servo_models.diagnosis.search.crossval import BLOCKS
 from servo_models.diagnosis.search.fitting import FittedModel, Fitter
 from servo_models.diagnosis.search.limit_cycle import lacks
 from servo_models.diagnosis.search.selection import Selection
+from servo_models.identification.problem import Problem
 from servo_models.report.document import Document, Unbounded
 
 APART_ERRORS = 5.0  # combined standard errors between parts beyond which a parameter has changed
 
 
+class UnseenOutput(Document, frozen=True):
+    """RMS [SI] of an output at samples that the description holds out, unweighted: of the nominal
+    model, re-tuned, and of the model that was taken; null where one cannot be simulated."""
+
+    unit: str
+    before: Unbounded
+    retuned: Unbounded
+    after: Unbounded
+
+
 class HeldOut(Document, frozen=True):
-    """Samples of a log that no fit of a diagnosis has seen, RMS in noise floors.
+    """The same of all outputs of a log, in noise floors.
 
     Attributes:
         log: its name.
-        retuned: left by nominal parameters alone, NaN where these cannot be simulated.
-        after: left by the fitted model that was taken, NaN where it cannot be simulated.
-        worse: it leaves more, beyond what blocks of time scatter; never without ``retuned``.
+        samples: how many are held out.
+        before, retuned, after: NaN where that model cannot be simulated.
+        worse: the model that was taken leaves more than parameters alone, beyond what blocks of
+            time scatter; never where these cannot be simulated.
+        outputs: each by itself.
     """
 
     log: str
+    samples: int
+    before: Unbounded
     retuned: Unbounded
     after: Unbounded
     worse: bool
+    outputs: dict[str, UnseenOutput]
 
 
 def held_out_scores(selection: Selection) -> tuple[HeldOut, ...]:
-    """Return what the fitted model that was taken does to each log with samples held out."""
-    scores = []
-    stages = (selection.retuned, selection.taken)
-    pairs = zip(*(it.problem.held_out_squares(it.values) for it in stages))
-    for log, (old, new) in zip(selection.taken.problem.logs, pairs):
-        if len(old):
-            parts = np.arange(len(old)) * BLOCKS // len(old)
-            retuned, after = (float(np.sqrt(part.mean())) for part in (old, new))
-            grown = np.isnan(after) or grows(old, new, np.zeros_like(parts), parts, 1)[0]
-            scores.append(HeldOut(log.name, retuned, after, bool(grown) and not np.isnan(retuned)))
-    return tuple(scores)
+    """Return what each stage leaves of every log with samples held out."""
+    retuned, taken = selection.retuned, selection.taken
+    nominal = retuned.problem.values(selection.before.vector)
+    runs = ((retuned, nominal), (retuned, retuned.values), (taken, taken.values))
+    stages = zip(*(one.problem.held_out_squares(values) for one, values in runs))
+    logs = zip(taken.problem.logs, stages)
+    return tuple(_held_out(taken.problem, log, each) for log, each in logs if log.checked.any())
+
+
+def _held_out(problem: Problem, log: Log, stages: Sequence[Array]) -> HeldOut:
+    _, old, new = (np.mean(squares, axis=0) for squares in stages)
+    parts = np.arange(len(old)) * BLOCKS // len(old)
+    grown = np.isnan(new).any() or grows(old, new, np.zeros_like(parts), parts, 1)[0]
+    worse = bool(grown) and not np.isnan(old).any()
+    sizes = np.sqrt([np.mean(squares, axis=1) for squares in stages])
+    wires = problem.model.plant.wire
+    outputs = {
+        name: UnseenOutput(wires[name].unit, *(problem.sigma[name] * each).tolist())
+        for name, each in zip(log.outputs, sizes.T)
+    }
+    before, retuned, after = np.sqrt(np.mean(sizes**2, axis=1)).tolist()
+    return HeldOut(log.name, len(old), before, retuned, after, worse, outputs)
+
+
+def held_out_outputs(scores: Sequence[HeldOut]) -> dict[str, UnseenOutput]:
+    """Return what each stage leaves of every output, of all logs together."""
+    found = {}
+    for name in dict.fromkeys(name for one in scores for name in one.outputs):
+        logs = [(one.samples, one.outputs[name]) for one in scores if name in one.outputs]
+        squares = [[it.before**2, it.retuned**2, it.after**2] for _, it in logs]
+        mean = np.average(squares, axis=0, weights=[samples for samples, _ in logs])
+        found[name] = UnseenOutput(logs[0][1].unit, *np.sqrt(mean).tolist())
+    return found
+
+
+def gains(scores: Sequence[HeldOut], since: str, least_gain: float) -> bool:
+    """Return whether the model that was taken lowers the error of a stage by this share, of all
+    samples held out that the stage can simulate; True where there are none."""
+    each = [(one.samples, getattr(one, since), one.after) for one in scores]
+    count, old, new = np.array([it for it in each if not np.isnan(it[1])]).reshape(-1, 3).T
+    return bool(count @ new**2 <= (1.0 - least_gain) ** 2 * (count @ old**2))
+
+
+def contradicted(scores: Sequence[HeldOut], least_gain: float) -> bool:
+    """Return whether effects that were taken make a log worse that is held out, or all of them
+    better by less than the least gain."""
+    return any(one.worse for one in scores) or not gains(scores, "retuned", least_gain)
 
 
 @dataclass(frozen=True)

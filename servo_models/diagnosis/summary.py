@@ -17,7 +17,7 @@ from servo_models.diagnosis.search.masking import MaskedEffect
 from servo_models.diagnosis.search.residuals import LEAST_SAMPLES
 from servo_models.diagnosis.search.screening import Detectability
 from servo_models.diagnosis.search.selection import RETUNING
-from servo_models.diagnosis.stretches import HeldOut
+from servo_models.diagnosis.stretches import HeldOut, held_out_outputs
 from servo_models.diagnosis.verdict import (
     EFFECT,
     EFFECTS,
@@ -29,9 +29,10 @@ from servo_models.diagnosis.verdict import (
 from servo_models.identification.doubts import doubt, surprise, together, with_display
 from servo_models.identification.resolution import shifted_outputs, supposed
 from servo_models.identification.simulation import false_starts
-from servo_models.report.numbers import listed, plural
+from servo_models.report.numbers import listed, number, plural, prefix
 
 SEEN = 1.0  # movement [noise floors] from which logs can show an effect
+BLOCKS = "blocks that a fit left out"
 ELSEWHERE = 2.0  # error of a log held out over that of the others: something else acts there
 UNLIKE = 3.0  # spread of repeats over scatter of samples that is hardly noise of a reading
 MOTION = 0.5  # share of a noise floor, found without noise, from which it is doubtful
@@ -43,20 +44,22 @@ def sentence(diagnosis: Diagnosis) -> str:
     """Return the verdict in one sentence, with what only another experiment would show."""
     kind, said = diagnosis.verdict.kind, headline(diagnosis)
     before, retuned = diagnosis.gap.rms["before"], diagnosis.gap.rms["retuned"]
+    first = f"held out, {unseen}; " if (unseen := held_out(diagnosis)) else ""
     if kind == NO_GAP:
         allowed = f"{diagnosis.tolerance:g} are allowed"
         return (
-            f"{said}: the model leaves {before:.3g} noise floors, {allowed}{elsewhere(diagnosis)}."
+            f"{said}: {first}the model leaves {before:.3g} noise floors,"
+            f" {allowed}{elsewhere(diagnosis)}."
         )
     if kind in (NOT_IDENTIFIABLE, OUTSIDE):
-        return f"{said}; {change(diagnosis)}{elsewhere(diagnosis)}{shape(diagnosis)}."
+        return f"{said}; {first}{change(diagnosis)}{elsewhere(diagnosis)}{shape(diagnosis)}."
     alone = (
         f", parameters alone leave {retuned:.3g}" if diagnosis.moved and kind != PARAMETERS else ""
     )
     ends = (
         f"{alone}{rivals(diagnosis)}{rest(diagnosis)}{not_shown(diagnosis)}{elsewhere(diagnosis)}"
     )
-    return f"{said}: {change(diagnosis)}{ends}."
+    return f"{said}: {first}{change(diagnosis)}{ends}."
 
 
 def rest(diagnosis: Diagnosis) -> str:
@@ -151,7 +154,9 @@ def _headline(diagnosis: Diagnosis) -> str:
     beside = "".join(f", and {text}" for text in surprises(diagnosis))
     comes, explains = ("comes", "explains") if kind == EFFECT else ("come", "explain")
     if why := not_asserted(diagnosis):
-        return f"{placed(diagnosis, taken)} {comes} nearest, but {why}{beside}"
+        possible = "is possible" if kind == EFFECT else "are possible"
+        said = possible if diagnosis.contradicted else f"{comes} nearest"
+        return f"{placed(diagnosis, taken)} {said}, but {why}{beside}"
     return f"{placed(diagnosis, taken)} {explains} {whole}{beside}"
 
 
@@ -180,6 +185,9 @@ def not_asserted(diagnosis: Diagnosis) -> str:
     if unknown := undetermined(taken):
         return f"these logs do not determine the size of {listed(unknown)}"
     worse = [one.log for one in diagnosis.held_out if one.worse]
+    if diagnosis.contradicted and not worse:
+        least = f"{100.0 * diagnosis.settings.least_gain:.3g} %"
+        return f"against parameters alone the error held out falls by less than {least}"
     if worse:
         return f"log '{worse[0]}', held out, gets worse"
     if mistaken(diagnosis):
@@ -210,12 +218,13 @@ def none_explains(diagnosis: Diagnosis) -> str:
 def _undecided(diagnosis: Diagnosis) -> str:
     """What is not told apart; effects that every fitted model left names are no part of it."""
     left, members = diagnosis.verdict.rivals, diagnosis.verdict.members
+    doubt = ", if any" * diagnosis.contradicted
     if sum(slot.open for slots in diagnosis.alternatives for slot in slots) > 1:
-        return f"These logs cannot tell which effects they are: {choices(diagnosis)}"
+        return f"These logs cannot tell which effects they are{doubt}: {choices(diagnosis)}"
     surely = [name for name in members if left and all(name in one.effects for one in left)]
     others = ", ".join(name for name in members if name not in surely)
-    said = "These logs cannot tell which effect it is"
-    if not others:
+    said = f"These logs cannot tell which effect it is{doubt}"
+    if not others or doubt:
         others = ", ".join(members)
     elif surely:
         said = f"It is {placed(diagnosis, surely)}, and these logs cannot tell which other effect"
@@ -250,15 +259,41 @@ def placed(diagnosis: Diagnosis, effects: Iterable[str]) -> str:
 
 def change(diagnosis: Diagnosis) -> str:
     """Return how far the gap closes, in noise floors and in the unit of each output."""
-    rms, outputs = diagnosis.gap.rms, []
-    for gap in diagnosis.gaps:
-        scale, unit = display(diagnosis.model.plant.wire[gap.output])
-        before, after = (f"{scale * gap.rms[stage]:.3g}" for stage in ("before", "after"))
-        outputs.append(f"{gap.output} {before} -> {after} {unit}".rstrip())
-    floors = f"{rms['before']:.3g} -> {rms['after']:.3g} noise floors held out"
+    rms, stages = diagnosis.gap.rms, ("before", "after")
+    outputs = [
+        steps(diagnosis, it.output, map(it.rms.__getitem__, stages)) for it in diagnosis.gaps
+    ]
+    floors = f"{rms['before']:.3g} -> {rms['after']:.3g} noise floors on {BLOCKS}"
     share = closed(diagnosis.gap)
     closes = f", which closes {share} of what can be closed" if share else ""
     return f"{floors} ({', '.join(outputs)}){closes}"
+
+
+def held_out(diagnosis: Diagnosis) -> str:
+    """Return the error of every output where the description holds samples out, stage by stage; ""
+    where it holds out none."""
+    stages = diagnosis.stages
+    outputs = [
+        steps(diagnosis, name, (getattr(errors, stage) for stage in stages))
+        for name, errors in held_out_outputs(diagnosis.held_out).items()
+    ]
+    legend = f" ({', '.join(stages.values())})" if outputs and len(stages) > 1 else ""
+    return f"{', '.join(outputs)}{legend}"
+
+
+def steps(diagnosis: Diagnosis, output: str, errors: Iterable[float]) -> str:
+    """Return errors [SI] of an output in its unit, stage by stage."""
+    scale, unit = unit_of(diagnosis, output)
+    return f"{output} {' -> '.join(number(scale * it, 3) for it in errors)} {unit}".rstrip()
+
+
+def unit_of(diagnosis: Diagnosis, output: str) -> tuple[float, str]:
+    """Return the factor from SI to the unit in which errors of an output read best, and it."""
+    scale, unit = display(diagnosis.model.plant.wire[output])
+    before = {name: it.before for name, it in held_out_outputs(diagnosis.held_out).items()}
+    before |= {gap.output: gap.rms["before"] for gap in diagnosis.gaps}
+    factor, unit = prefix(scale * before[output], unit)
+    return scale * factor, unit
 
 
 def closed(gap: GapSummary) -> str:
@@ -303,7 +338,7 @@ def _unseen(reach: Detectability) -> str:
 def _loses(diagnosis: Diagnosis, name: str, fitted: FittedModel) -> str:
     others = [it for it in fitted.effects if it != name]
     beside = f" beside {listed(others)}" if others else ""
-    left = f"leaves {fitted.evidence.rms:.3g} noise floors held out{beside}"
+    left = f"leaves {fitted.evidence.rms:.3g} noise floors on blocks{beside}"
     return ", ".join([left, *marks(diagnosis, fitted)])
 
 

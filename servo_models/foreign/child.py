@@ -10,7 +10,6 @@ import os
 import pickle
 import signal
 import subprocess
-import sys
 import threading
 import weakref
 from collections.abc import Callable, Iterator
@@ -18,6 +17,7 @@ from contextlib import contextmanager
 from queue import SimpleQueue
 from typing import Any, BinaryIO, Generic, TypeVar
 
+from servo_models.core.workers import python
 from servo_models.errors import UserError
 
 SERVE = "from servo_models.foreign.child import serve; serve()"
@@ -110,10 +110,10 @@ class Child:
     def _running(self) -> Any:
         if self._process is None:
             process: Any = subprocess.Popen(
-                [sys.executable, "-c", SERVE], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+                python(SERVE), stdin=subprocess.PIPE, stdout=subprocess.PIPE
             )
             weakref.finalize(self, process.kill)
-            pickle.dump((sys.path, *self.begin), process.stdin)
+            pickle.dump(self.begin, process.stdin)
             self._process = process
         return self._process
 
@@ -138,8 +138,7 @@ def serve() -> None:
     calls, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     for number in (0, 1):
         os.dup2(os.open(os.devnull, os.O_RDWR), number)
-    path, make, arguments = pickle.load(calls)  # from the process that started this one
-    sys.path[:] = path
+    make, arguments = pickle.load(calls)  # from the process that started this one
     function: Any = None
     waiting: SimpleQueue[tuple[Any, ...]] = SimpleQueue()
     threading.Thread(target=_listen, args=(calls, waiting), daemon=True).start()

@@ -414,8 +414,8 @@ class Problem:
         return column, float(low[column]), float(high[column])
 
     def held_out_squares(self, values: Mapping[str, float]) -> list[Array]:
-        """Return squared errors [noise floors^2] with these values [SI] at samples held out, mean
-        of all outputs, by log."""
+        """Return squared errors [noise floors^2] with these values [SI] at samples held out, by
+        log, shape (outputs, n)."""
         squares = []
         for run in self.runs:
             log, columns = run.log, run.outputs_or_nan(values).T
@@ -423,7 +423,7 @@ class Problem:
                 (column - measured)[log.checked] / self.sigma[name]
                 for column, (name, measured) in zip(columns, log.outputs.items())
             ]
-            squares.append(np.mean(np.square(errors), axis=0))
+            squares.append(np.square(errors))
         return squares
 
 

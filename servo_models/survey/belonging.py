@@ -3,7 +3,8 @@
 A cause is an effect that a diagnosis took, or a parameter beyond what was believed of it.  What is
 on most units of a joint, the model lacks; on most of a batch and few others, the batch has it; on
 most joints of a unit, the unit.  Jobs that belong together are explained alike: where the logs of
-one leave a choice, it is made as in the others.
+one leave a choice, it is made as in the others.  A parameter that all have re-tuned, each within
+what was believed, is a cause where a batch has another size of it.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from statistics import fmean, median
 from typing import Annotated, NamedTuple
 
 import numpy as np
-from scipy.stats import ttest_ind
+from scipy.stats import ttest_ind_from_stats
 
 from servo_models.diagnosis.verdict import covering
 from servo_models.report.document import Document, Figure, about, choice
@@ -116,14 +117,21 @@ def belongings(outcomes: Iterable[Outcome]) -> list[Belonging]:
     """Return every cause of a survey with whom it belongs to, the widest first."""
     fleet = _Fleet(defaultdict(set), defaultdict(set), defaultdict(set))
     by_unit: dict[str, list[_Case]] = defaultdict(list)
-    for outcome in (it for it in outcomes if not it.failure):
+    tuned: dict[str, list[_Case]] = defaultdict(list)
+    for outcome in (it for it in outcomes if it.conclusive):
         fleet.units[outcome.joint].add(outcome.unit)
         fleet.joints[outcome.unit].add(outcome.joint)
         for key, value in outcome.conditions.items():
             fleet.batches[f"{key} = {value}"].add(outcome.unit)
-        by_unit[outcome.unit] += _cases(outcome)
+        by_unit[outcome.unit] += _effects_of(outcome)
+        for one in outcome.parameters:
+            alone = frozenset({one.name})
+            case = _Case((outcome.unit, outcome.joint), alone, {alone: 1.0}, {one.name: one})
+            tuned[one.name].append(case)
+            by_unit[outcome.unit] += [case] if _has_moved(one) else []
     cases = [*chain(*by_unit.values())]
     found = [*_taken_off(cases, partial(_shared, cases, fleet), fleet.batches)]
+    found += _set_apart(tuned, fleet)
     for mine in by_unit.values():
         found += _taken_off(mine, partial(_of_unit, mine, fleet), {})
     for case in cases:
@@ -137,18 +145,31 @@ def belongings(outcomes: Iterable[Outcome]) -> list[Belonging]:
     return found
 
 
-def _cases(outcome: Outcome) -> Iterator[_Case]:
-    place = (outcome.unit, outcome.joint)
+def _effects_of(outcome: Outcome) -> Iterator[_Case]:
     taken = frozenset(cause.effect for cause in outcome.causes if cause.taken)
     if taken:
         weights = {frozenset(one.effects): one.weight for one in outcome.explanations}
         sizes = {one.effect: next(iter(one.sizes), None) for one in outcome.causes}
-        yield _Case(place, taken, weights or {taken: 1.0}, sizes)
-    for one in outcome.parameters:
-        distance, error, prior = abs(one.value - one.nominal), one.standard_error, one.prior
-        if error and prior and distance > max(MOVED_ERRORS * error, MOVED_PRIORS * prior):
-            name = frozenset({one.name})
-            yield _Case(place, name, {name: 1.0}, {one.name: one})
+        yield _Case((outcome.unit, outcome.joint), taken, weights or {taken: 1.0}, sizes)
+
+
+def _has_moved(one: Estimate) -> bool:
+    """Whether a parameter is beyond what was believed of it, also on a bound."""
+    error, prior = one.standard_error or 0.0, one.prior or np.inf
+    return abs(one.value - one.nominal) > max(MOVED_ERRORS * error, MOVED_PRIORS * prior)
+
+
+def _set_apart(tuned: Mapping[str, Sequence[_Case]], fleet: _Fleet) -> Iterator[Belonging]:
+    """Parameters of which a batch has another size, without those that are explained."""
+    for name, every in tuned.items():
+        cases = [case for case in every if case.weights()]
+        batch = _batch_by_size(name, cases, fleet.batches, SIZE_CHANCE / len(tuned))
+        if mine := [case for case in cases if case.place[0] in fleet.batches.get(batch, ())]:
+            units, joints = ({*names} for names in zip(*(case.place for case in mine)))
+            whole = joints == fleet.units.keys()
+            yield _belonging(_Scope(1.0, name, BATCH, batch, joints, units, whole), mine)
+        for case in mine:
+            case.explain(name)
 
 
 def _taken_off(
@@ -173,7 +194,9 @@ def _taken_off(
             case.explain(scope.name)
 
 
-def _batch_by_size(name: str, cases: Sequence[_Case], batches: Mapping[str, set[str]]) -> str:
+def _batch_by_size(
+    name: str, cases: Sequence[_Case], batches: Mapping[str, set[str]], chance: float = SIZE_CHANCE
+) -> str:
     """The batch most of whose units have another size of a cause than nearly all others, "" for
     none: sizes nearer to its mean than to that of others, and means that differ by Student's t.
 
@@ -181,9 +204,9 @@ def _batch_by_size(name: str, cases: Sequence[_Case], batches: Mapping[str, set[
     """
     by_joint: dict[str, list[tuple[str, float]]] = defaultdict(list)
     for case in cases:
-        if (estimate := case.sizes.get(name)) and (known := told(estimate)):
+        if (estimate := case.sizes.get(name)) and (size := _size(estimate)) is not None:
             unit, joint = case.place
-            by_joint[joint].append((unit, known[0]))
+            by_joint[joint].append((unit, size))
     by_unit: dict[str, list[float]] = defaultdict(list)
     for values in by_joint.values():
         middle = median(size for _, size in values)
@@ -199,9 +222,18 @@ def _batch_by_size(name: str, cases: Sequence[_Case], batches: Mapping[str, set[
         mean, rest = fmean(inside), fmean(others)
         nearer = {unit for unit, size in sizes.items() if abs(size - mean) < abs(size - rest)}
         if _batch(nearer, {*sizes}, {batch: units}):
-            chances[batch] = ttest_ind(inside, others).pvalue * len(batches)
+            each = ((fmean(it), np.std(it, ddof=1), len(it)) for it in (inside, others))
+            chances[batch] = ttest_ind_from_stats(*chain(*each)).pvalue * len(batches)
     batch = min(chances, key=chances.__getitem__, default="")
-    return batch if batch and chances[batch] < SIZE_CHANCE else ""
+    return batch if batch and chances[batch] < chance else ""
+
+
+def _size(one: Estimate) -> float | None:
+    """What logs say of a size; a parameter with a prior lacks a standard error on a bound alone."""
+    if one.prior and one.standard_error is None:
+        return one.value
+    known = told(one)
+    return known and known[0]
 
 
 def _by_cause(cases: Sequence[_Case]) -> Iterator[tuple[str, dict[Place, float]]]:

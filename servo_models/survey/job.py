@@ -21,7 +21,7 @@ from servo_models.diagnosis.diagnose import diagnose
 from servo_models.diagnosis.ranking import Value
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.summary import sentence
-from servo_models.diagnosis.verdict import NO_GAP, weights_by_effects
+from servo_models.diagnosis.verdict import NO_GAP, OUTSIDE, weights_by_effects
 from servo_models.errors import UserError
 from servo_models.identification.check import check
 from servo_models.identification.linear_inference import spread
@@ -32,7 +32,7 @@ from servo_models.report.numbers import plural
 from servo_models.report.result import page_of
 
 FAILED = "failed"
-VERSION = 1  # of what is kept: it counts up when a reader of the one before would go wrong
+VERSION = 2  # of what is kept: it counts up when a reader of the one before would go wrong
 EPISODE_COST_TOLERANCE = 1e-4  # of the fit to an episode, which begins at that to all of them
 LIMITS = 2.0  # time limits from the begin of a job, after which no single log is fitted
 EPISODE_STEPS = 20  # least-squares steps of such a fit
@@ -146,6 +146,12 @@ class Outcome(Document, frozen=True, kw_only=True):
         return self.verdict or FAILED
 
     @property
+    def conclusive(self) -> bool:
+        """Whether its diagnosis ended by itself, and inside the catalogue: else its causes are only
+        the best so far, or what is nearest, and nobody's."""
+        return not (self.failure or self.stopped or self.verdict == OUTSIDE)
+
+    @property
     def taken(self) -> list[Cause]:
         """The effects that were taken, most likely first."""
         return [cause for cause in self.causes if cause.taken]
@@ -174,8 +180,7 @@ def run(job: Job) -> Done:
     except (UserError, MemoryError) as error:
         why = str(error) or "it needs more memory"
         return failed(job, why, time.perf_counter() - begin)
-    parameters = found.model.plant.parameters
-    nominal = [value for value in found.found if not parameters[value.name].owner]
+    known = {free.name for free in found.selection.taken.nominal}  # of effects that are on as well
     weights = weights_by_effects(found.selection, found.verdict)
     limit = job.options.get("time_limit") or math.inf
     episodes = [*_episodes(found, begin + LIMITS * limit)]
@@ -199,7 +204,7 @@ def run(job: Job) -> Done:
             for effect in found.ranking
         ],
         explanations=[Explanation(it.effects, weights[it.effects]) for it in found.verdict.rivals],
-        parameters=_estimates(found, nominal),
+        parameters=_estimates(found, (value for value in found.found if value.name in known)),
         episodes=episodes,
         diagnosis=msgspec.Raw(found.to_json().encode()),
         seconds=time.perf_counter() - begin,

@@ -11,12 +11,12 @@ import re
 import time
 from collections import defaultdict
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain, count
 from pathlib import Path
 from typing import TypeVar
 
-from servo_models.data.description import read_description, tells_of_logs
+from servo_models.data.description import code_of, read_description, tells_of_logs
 from servo_models.data.joints.data_sets import HELD_OUT_PERIOD
 from servo_models.data.joints.drafts import as_file, files_of, recording, write_joints
 from servo_models.data.joints.recording import Recording
@@ -47,7 +47,7 @@ class Plan:
         root: folder from which units are named.
         drafts: folder for descriptions.
         actuator: what made the logs, None for a guess.
-        trust: as for descriptions.
+        trust: as of ``survey``.
         tell: is told how far it has come.
         jobs: without a key and options.
         notes: what is to be told of them, such as what was guessed or left out.
@@ -225,7 +225,17 @@ def plan(
             f"'{path}' has nothing to diagnose: neither a description nor a recording or log"
             f" ({ends})"
         )
+    if not trust:
+        found.jobs = [_held(job, path.resolve()) for job in found.jobs]
     return found
+
+
+def _held(job: Job, named: Path) -> Job:
+    """A job that fails where it would run code and nobody has named its description."""
+    if job.failure or job.description == named or not (code := code_of(job.description)):
+        return job
+    why = f"it would run '{code}', and the survey found '{job.description}' by itself"
+    return replace(job, failure=f"{why}: read both, then say --trust, or survey that file alone")
 
 
 def counted(items: Collection[T], tell: Tell, doing: str) -> Iterator[T]:

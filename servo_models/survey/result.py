@@ -22,7 +22,7 @@ from servo_models.files import read_regular
 from servo_models.report.document import Document, Figure, about, choice
 from servo_models.report.numbers import ARROW, number, plural
 from servo_models.report.result import Result
-from servo_models.survey.belonging import MODEL, Belonging, Place, belongings
+from servo_models.survey.belonging import BATCH, MODEL, Belonging, Place, belongings
 from servo_models.survey.job import Estimate, Outcome
 from servo_models.survey.variation import Pooled, Split, outlying, split, told
 
@@ -191,7 +191,7 @@ class Survey(Result):
         """Return nominal parameters that fit all units, with the effects that belong to the model.
 
         The standard error is that of one more unit: the variation between them, and the error of
-        their mean.  Units that stand out are left out.
+        their mean.  Units that stand out are left out, and what belongs to a batch.
 
         Args:
             joint: of which; None for all, which are of one actuator.
@@ -208,13 +208,18 @@ class Survey(Result):
             joints = ", ".join(sorted({it.joint for it in self.outcomes if not it.failure}))
             what = "several actuators" if models else f"no diagnosis of '{joint or 'any joint'}'"
             raise UserError(f"{what} to take a mean of: name one of {joints}")
-        every = (it for it in self.belongings if it.owner == MODEL)
-        shared = {it.name for it in every if not it.joints or joint in it.joints}
+        owned: dict[str, set[tuple[str, Place]]] = defaultdict(set)
+        for it in self.belongings:
+            if it.owner == BATCH or not it.joints or joint in it.joints:
+                owned[it.owner].update((it.name, place) for place in it.places)
+        nominal = {one.name for it in chosen for one in it.parameters}  # of effects that are on too
         found: dict[str, list[Value]] = defaultdict(list)
         for (of, name), values in self.values.items():
-            effect, dot, _ = name.partition(".")
-            if joint in (None, of) and (not dot or effect in shared):
-                found[name] += values
+            for value in values if joint in (None, of) else ():
+                place = (value.unit, of)
+                shared = (name.partition(".")[0], place) in owned[MODEL]
+                if shared or (name in nominal and (name, place) not in owned[BATCH]):
+                    found[name].append(value)
         estimates = []
         for values in found.values():
             if mean := variation(joint or "", values):

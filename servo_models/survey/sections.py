@@ -52,6 +52,7 @@ WORST, WHOSE, LEFT_OUT = "The worst", "Whom causes belong to", "Failed, and note
 SPECIFIC = re.compile(r"'([^']*)'|0x[0-9a-f]+|\d+(?:\.\d+)?")
 """What differs between reports of one reason."""
 MEANS = "Means of the units that do not stand out, with the standard deviation between units."
+NOBODYS = "the diagnosis was stopped, or the cause is outside the catalogue"
 STOPPED = " Stopped: its search ended early, and a longer one may say something else."
 LEFT = "Left: errors of the diagnosed model [noise floors]. Held out: on logs that no fit has seen."
 SHARES = ("unit share", "episode share", "rest")
@@ -204,12 +205,7 @@ def _sizes(it: Belonging) -> str:
 
 def _whose(survey: Survey) -> Section:
     shared = [it for it in survey.belongings if it.owner != SINGLE]
-    # what is nearest to an unknown cause is nobody's
-    singles = [
-        it
-        for it in survey.belongings
-        if it.owner == SINGLE and survey.by_place[it.places[0]].verdict != OUTSIDE
-    ]
+    singles = [it for it in survey.belongings if it.owner == SINGLE]
     chosen = [*shared[:MOST_ITEMS], *singles[:MOST_ITEMS]]
     rows = (
         (
@@ -219,12 +215,14 @@ def _whose(survey: Survey) -> Section:
         for it in shared[:MOST_ITEMS]
     )
     columns = ("cause", "of", "jobs", "explanations of one", "of all", "which")
+    unsure = sum(not (it.failure or it.conclusive) for it in survey.outcomes)
+    said = [f"{plural(unsure, 'joint')} left out: {NOBODYS}"] if unsure else []
     return Section(
         WHOSE,
         "Most units have what belongs to the model; most of a batch or of a unit's joints, and few"
         " others, what belongs to these. Behind a size: its standard deviation between units,"
         " with the error of the mean; a range where sizes are not alike.",
-        (*map(words, chosen), *_more([*shared, *singles], len(chosen))),
+        (*map(words, chosen), *_more([*shared, *singles], len(chosen)), *said),
         tables=(Table("What logs leave open, alone and together", columns, tuple(rows), True),),
     )
 

@@ -13,6 +13,7 @@ from statistics import fmean
 
 from msgspec import structs
 
+from servo_models.core.own_actuator import is_file
 from servo_models.data.joints.drafts import as_file
 from servo_models.data.parameters import write_parameters
 from servo_models.errors import UserError
@@ -61,7 +62,8 @@ def survey(
         before: folder of an earlier survey to compare with.
         seed, quick: as for ``diagnose``.
         time_limit: time [s] for each job.
-        trust: run Python files that descriptions name wherever they lie.
+        trust: run Python files and simulations that descriptions name; without it only what a
+            description that is ``path`` itself has beside it.
         tell: is told what goes on.
 
     Raises:
@@ -70,7 +72,7 @@ def survey(
 
     Example:
         >>> import servo_models as sm
-        >>> fleet = sm.survey(".", out="found", jobs=2)
+        >>> fleet = sm.survey("gimbal.toml", out="found", jobs=2)
         >>> fleet.table().filter(verdict="effect")["causes"].to_list()
         ['drive_dead_zone']
     """
@@ -108,7 +110,9 @@ def survey(
     for joint, units in Counter(joint for _, joint in found.by_place).items():
         if units > 1:
             with suppress(UserError):  # nothing is known that they have in common
-                write_parameters(found.common(joint), folder / COMMON / f"{as_file(joint)}.toml")
+                common = found.common(joint)
+                if trust or not is_file(common.actuator):  # as kept in the folder, by anybody
+                    write_parameters(common, folder / COMMON / f"{as_file(joint)}.toml")
     return found
 
 

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 from xml.parsers import expat
 
-from servo_models.errors import UserError
+from servo_models.errors import CuredError, UserError
 from servo_models.files import scratch
 
 DESCRIPTION = "modelDescription.xml"
@@ -36,7 +36,7 @@ def unpacked(path: Path, megabytes: float) -> Iterator[Path]:
     """
     limit = int(megabytes * 2**20)
     if (packed := path.stat().st_size) > limit:
-        raise UserError(_too_large(packed, limit))
+        raise CuredError(_too_large(packed, limit))
     with scratch() as folder:
         with zipfile.ZipFile(path) as archive:
             _extract(archive, folder, limit)
@@ -48,7 +48,7 @@ def _extract(archive: zipfile.ZipFile, folder: Path, left: int) -> None:
     entries = archive.infolist()
     _check_names(entries)
     if (told := sum(entry.file_size for entry in entries)) > left:
-        raise UserError(_too_large(told, left))
+        raise CuredError(_too_large(told, left))
     limit = left
     for entry in entries:
         target = folder / entry.filename
@@ -60,7 +60,7 @@ def _extract(archive: zipfile.ZipFile, folder: Path, left: int) -> None:
             while piece := read.read(PIECE):  # the size that the archive tells may be wrong
                 left -= len(piece)
                 if left < 0:
-                    raise UserError(_too_large(limit - left, limit))
+                    raise CuredError(_too_large(limit - left, limit))
                 write.write(piece)
 
 

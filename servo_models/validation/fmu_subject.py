@@ -18,8 +18,8 @@ from servo_models.core.compilers import cached_library, here, host
 from servo_models.core.plant import Actuator
 from servo_models.core.simulate import Model, model
 from servo_models.core.types import Array
-from servo_models.errors import UserError
-from servo_models.validation.archive import unpacked
+from servo_models.errors import CuredError, UserError
+from servo_models.validation.archive import DESCRIPTION, unpacked
 from servo_models.validation.host_process import (
     LIMITS,
     DeadHostError,
@@ -28,6 +28,8 @@ from servo_models.validation.host_process import (
     RefusedError,
 )
 
+REWRITE = "write it again with the tool that made it"
+ANY = "it is of another maker: name a --reference ref.csv, or take --static-only"
 LONGEST_REASON = 300  # characters of an FMU's message that are shown at most
 
 
@@ -48,7 +50,6 @@ class OpenFmu(ABC):
 
     strict = True
     """Whether a description that breaks rules of FMI is refused."""
-    cure = "build it again with servo-models build"
 
     def __init__(self, path: str | Path, limits: Limits = LIMITS) -> None:
         """Unpack and read an FMU.
@@ -63,11 +64,12 @@ class OpenFmu(ABC):
         self.limits = limits
         self._host: HostProcess | None = None
         self._files = ExitStack()
+        self.folder = Path()
         self._started = 0
         self.over = ""
         if not os.path.isfile(self.path):
             raise UserError(
-                f"no FMU '{path}': build it with servo-models build, or correct the name"
+                f"no FMU '{path}': correct the name, or build one of ours with servo-models build"
             )
         try:
             self.folder = self._files.enter_context(unpacked(self.path, limits.unpacked_megabytes))
@@ -77,12 +79,19 @@ class OpenFmu(ABC):
             self.description: Any = read_model_description(str(self.folder), validate=self.strict)
             self._understand()
         except Exception as error:  # fmpy raises many kinds
+            refused = self._unreadable(error)
             self.close()
-            raise self._unreadable(error) from error
+            raise refused from error
 
     @property
     def is_fmi3(self) -> bool:
         return bool(self.description.fmiVersion.startswith("3."))
+
+    @property
+    def is_ours(self) -> bool:
+        """Whether its description says that servo-models built it."""
+        path = self.folder / DESCRIPTION
+        return path.is_file() and b'generationTool="servo-models ' in path.read_bytes()
 
     @abstractmethod
     def _understand(self) -> None:
@@ -168,7 +177,10 @@ class OpenFmu(ABC):
 
     def _unreadable(self, error: Exception) -> UserError:
         cause = _one_line(str(error)) or type(error).__name__
-        return UserError(f"cannot read FMU '{self.path}' ({cause}): {self.cure}")
+        if isinstance(error, CuredError):
+            return UserError(f"cannot read FMU '{self.path}': {cause}")
+        cure = "build it again with servo-models build" if self.is_ours else REWRITE
+        return UserError(f"cannot read FMU '{self.path}' ({cause}): {cure}")
 
 
 class Subject(OpenFmu):
@@ -235,9 +247,10 @@ class Subject(OpenFmu):
         if unlike := sorted(wanted ^ named):
             names = ", ".join(repr(name[:60]) for name in unlike[:3])
             more = f" and {len(unlike) - 3} more" if len(unlike) > 3 else ""
+            cure = "build it again with this version" if self.is_ours else ANY
             return (
                 f"has not the variables of actuator '{self.model.actuator.name}'"
-                f" ({names}{more}): build it again with this version"
+                f" ({names}{more}): {cure}"
             )
         return self._library_obstacle()
 

@@ -1,6 +1,6 @@
 """A second withheld study: rigs of other friction, masses and integrators than the generator's.
 
-With that they share ``studies.rig``, with the package nothing that simulates.
+With that they share ``servo_models.withheld.rig``, with the package nothing that simulates.
 
 ::
 

@@ -15,6 +15,7 @@ import argparse
 import json
 import sys
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,12 +23,16 @@ from servo_models.cli.console import progress, show
 from servo_models.errors import UserError
 from servo_models.files import write_whole
 from servo_models.report.interchange import conditions, plain
+from servo_models.withheld import run
+from servo_models.withheld.oracle import Diagnosed
+from servo_models.withheld.run import work_through
 from studies.second_plant.figures import BARS, FIGURES, Case, Cases, play_by_share, report
 from studies.second_plant.judge import Observed, judged
 from studies.second_plant.mujoco_plant import engine
 from studies.second_plant.rigs import ENGINES, MIXES, Rig, draw, six, write
-from studies.withheld.oracle import Diagnosed
-from studies.withheld.run import own_code, work_through
+
+own_code = partial(run.own_code, Path(__file__).parents[1])
+"""Of the package and of all studies."""
 
 
 def main() -> int:

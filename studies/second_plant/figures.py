@@ -13,10 +13,10 @@ from typing import Any
 from servo_models.diagnosis.verdict import NO_GAP, OUTSIDE, PARAMETERS
 from servo_models.report.result import Report
 from servo_models.report.sections import Section, Table
+from servo_models.withheld.oracle import FAILED, Diagnosed
+from servo_models.withheld.score import NOTHING, Statistic, mean, share
+from servo_models.withheld.sections import AT_LEAST, AT_MOST, COLUMNS, Bar, figure_rows, quantity
 from studies.second_plant.judge import Observed, sets_of
-from studies.withheld.oracle import FAILED, Diagnosed
-from studies.withheld.score import NOTHING, Statistic, mean, share
-from studies.withheld.sections import AT_LEAST, AT_MOST, COLUMNS, Bar, figure_rows, quantity
 
 PLAY = frozenset({"backlash", "coasting_backlash"})
 UNCLAIMED = (OUTSIDE, FAILED)  # verdicts beside which effects that are named are no claim

@@ -15,7 +15,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from studies.rig.laws import CODE, Array, clip, code_of, duty
+from servo_models.withheld.rig.laws import CODE, Array, clip, code_of, duty
 
 
 class Plant(Protocol):

@@ -21,8 +21,8 @@ from servo_models.core.workers import Workers
 from servo_models.data.description import read_description
 from servo_models.diagnosis.search.crossval import consistency
 from servo_models.diagnosis.search.fitting import FittedModel, Fitter
+from servo_models.withheld.oracle import RIVALS, Diagnosed, diagnose_case, fit_from, fitter_of
 from studies.second_plant.rigs import NAMES
-from studies.withheld.oracle import RIVALS, Diagnosed, diagnose_case, fit_from, fitter_of
 
 TENTH, BY_CHANCE = 0.1, 0.05
 """Share of a rival's squared error that the truth has to take away, and chance that it does."""

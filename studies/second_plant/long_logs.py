@@ -24,8 +24,8 @@ from pathlib import Path
 
 import numpy as np
 
-from studies.rig.laws import CODE, Array, code_of, triangle
-from studies.rig.recording import TIME, column, csv, description
+from servo_models.withheld.rig.laws import CODE, Array, code_of, triangle
+from servo_models.withheld.rig.recording import TIME, column, csv, description
 from studies.second_plant.firmware import Firmware, run
 from studies.second_plant.rigs import ANGLE, GOAL, REST
 from studies.second_plant.two_mass import MOTOR_ANGLE, Drive, TwoMass

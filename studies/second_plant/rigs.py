@@ -44,8 +44,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servo_models.files import being_written
-from studies.rig.laws import CODE, Array, chirp_turns, triangle
-from studies.rig.recording import TIME, column, csv, description
+from servo_models.withheld.rig.laws import CODE, Array, chirp_turns, triangle
+from servo_models.withheld.rig.recording import TIME, column, csv, description
 from studies.second_plant.firmware import Firmware, Plant, run
 from studies.second_plant.mujoco_plant import MujocoPlant
 from studies.second_plant.two_mass import Drive, TwoMass

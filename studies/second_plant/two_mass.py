@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from studies.rig.laws import Array, clip, compiled, dead, pressed
+from servo_models.withheld.rig.laws import Array, clip, compiled, dead, pressed
 
 STEP = 2e-5  # longest step [s]: a contact of 300 Hz takes 167 of them for a period
 

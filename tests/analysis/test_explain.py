@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,9 +14,8 @@ import pytest
 import servo_models
 from servo_models.actuators.torque_motor.variants import TABLE_1
 from servo_models.analysis.demonstration import VISIBLE, demonstrate, portrait
-from servo_models.analysis.explain import display_unit, effect_name, explain, overview, places
+from servo_models.analysis.explain import actuator_sheet, effect_name, explain, overview, places
 from servo_models.analysis.pictures import save
-from servo_models.core.bounds import displayed
 from servo_models.core.catalogue import actuator, actuators, effects
 from servo_models.core.plant import Actuator
 from servo_models.core.simulate import model
@@ -34,7 +34,8 @@ def words(sheet: object) -> str:
 def test_an_actuator_sheet_has_all_parameters_signals_and_sources(name: str) -> None:
     sheet, actuator = explain(name), actuators()[name]
     cells = {row[0].rstrip("*") for table in sheet.tables for row in table.rows}
-    assert actuator.plant.parameters.keys() <= cells
+    parameters = actuator.plant.parameters.items()
+    assert {name for name, it in parameters if it.owner != "residual_map"} <= cells
     assert {wire.name for wire in actuator.plant.inputs} | {*actuator.plant.outputs} <= cells
     (signals,) = (table for table in sheet.tables if table.title.startswith("Signals"))
     units = {row[0]: row[2] for row in signals.rows}
@@ -121,11 +122,49 @@ def test_bounds_are_round_and_allowed() -> None:
         model("smart_servo", None, {"backlash.half_width": "12 deg"})
 
 
+VARIANTS = [(found, it.name) for found in actuators().values() for it in found.variants]
+
+
+def bounds_of(found: Actuator, variant: str | None) -> dict[str, Sequence[str]]:
+    """Bounds and unit by parameter, as a sheet shows them."""
+    tables = explain(found.name, variant).tables
+    rows = [row for it in tables if it.title.startswith("Parameters") for row in it.rows]
+    rows = [row for row in rows if row[2]]  # without those that are folded
+    return {str(row[0]).rstrip("*"): [str(cell) for cell in row[2:5]] for row in rows}
+
+
+@pytest.mark.parametrize(("found", "variant"), VARIANTS, ids=lambda it: getattr(it, "name", it))
+def test_bounds_are_those_up_to_which_the_variant_takes_a_value(
+    found: Actuator, variant: str
+) -> None:
+    """A share of 1 / 9 beyond, more than what rounding to two digits inside takes, is refused."""
+    for name, (*bounds, unit) in bounds_of(found, variant).items():
+        for bound, sign in zip(map(float, bounds), (-1.0, 1.0)):
+            model(found, variant, {name: f"{bound:.6g} {unit}"})
+            with pytest.raises(UserError, match="is outside"):
+                model(found, variant, {name: f"{bound + sign * (abs(bound) / 9 + 1e-9)} {unit}"})
+
+
 @pytest.mark.parametrize("found", actuators().values(), ids=actuators())
-def test_bounds_are_accepted_as_they_are_shown(found: Actuator) -> None:
-    for name, parameter in found.plant.parameters.items():
-        for bound in displayed(parameter.param):
-            model(found, None, {name: f"{bound:.6g} {display_unit(parameter)}"})
+def test_a_shape_that_is_off_is_one_row_and_one_that_is_on_is_whole(found: Actuator) -> None:
+    placed = [it for it in found.plant.parameters.values() if it.owner == "residual_map"]
+    first = found.variants[0]
+    learnt = replace(first, values={**first.values, placed[0].name: 1.0})
+    sheets = (actuator_sheet(found), actuator_sheet(replace(found, variants=(learnt,))))
+    rows = ([row for it in sheet.tables for row in it.rows] for sheet in sheets)
+    off, on = ([row for row in each if str(row[0]).startswith("residual_map")] for each in rows)
+    assert [row[0] for row in off] == ["residual_map*"]
+    assert f"{len(placed)} parameters" in str(off[0][-1])
+    assert [str(row[0]).rstrip("*") for row in on] == [it.name for it in placed]
+
+
+def test_an_effect_sheet_says_of_which_variants_its_bounds_are() -> None:
+    sheet = explain("backlash")
+    (title,) = (it.title for it in sheet.tables if it.title.startswith("Parameters"))
+    assert "first variant" in title
+    shown = {row[0]: row[3:6] for row in sheet.tables[-1].rows}
+    for found in actuators().values():
+        assert [*map(str, shown[found.name])] == bounds_of(found, None)["backlash.half_width"]
 
 
 def test_an_effect_is_drawn_on_an_actuator_without_a_load(

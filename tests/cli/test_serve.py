@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import socket
+import struct
 import threading
 import time
 from collections.abc import Iterator
@@ -18,6 +20,7 @@ from servo_models.identification.live import explored
 from tests.support.browser import chromium, ready
 from tests.support.sources import ROOT
 
+Capture = pytest.CaptureFixture[str]
 GIMBAL = ROOT / "examples" / "gimbal" / "gimbal.toml"
 STEPS = ROOT / "examples" / "two_csv_files" / "steps.csv"
 DESCRIPTION = """\
@@ -121,6 +124,35 @@ def test_what_is_too_large_or_cut_is_not_saved(tmp_path: Path, server: Server) -
     assert not (server.folder / "dropped.csv").exists()
     assert ask(server, "log", b"0" * 100)[0] == 200
     assert (server.folder / "dropped.csv").read_bytes() == b"0" * 100
+
+
+HEAD = "{method} /{token}/{name} HTTP/1.1\r\nHost: {host}\r\nOrigin: http://{host}\r\n"
+LEAVES = {
+    "in the first line": "GET /{token}",
+    "in the head": HEAD,
+    "before the body": HEAD + "Content-Length: 9\r\n\r\n",
+    "in the body": HEAD + "Content-Length: 9\r\n\r\nt,u",
+    "before the answer": HEAD + "\r\n",
+}
+
+
+@pytest.mark.parametrize("asked", [("GET", ""), ("GET", "job"), ("POST", "log"), ("POST", "no")])
+@pytest.mark.parametrize("left", LEAVES)
+@pytest.mark.parametrize("rudely", [True, False])
+def test_a_client_that_leaves_midway_is_not_worth_a_word(
+    left: str, asked: tuple[str, str], rudely: bool, tmp_path: Path, capsys: Capture
+) -> None:
+    with running(Server("x" * 30_000_000, tmp_path / "saved", GIMBAL)) as server:
+        server.daemon_threads = False  # so that the end waits for every answer
+        words = dict(zip(("method", "name"), asked), token=server.token, host=server.host)
+        with socket.create_connection(("127.0.0.1", server.server_port)) as link:
+            if rudely:  # a reset, which fails whoever writes or reads
+                link.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+            link.sendall(LEAVES[left].format(**words).encode())
+            if left == "before the answer":
+                link.recv(1)
+        assert ask(server, "job")[0] == 200
+    assert capsys.readouterr().err == ""
 
 
 @pytest.mark.parametrize(

@@ -204,16 +204,18 @@ def test_mcap_in_json(tmp_path: Path) -> None:
         assert "damaged" in complaint(file(tmp_path, stream.getvalue()[:end], "bad.mcap"))
 
 
-def test_mcap_of_ros_2(tmp_path: Path) -> None:
+ROS_2_SCHEMA = (
+    "Stamp stamp\nfloat64[] position\nfloat32[2] gain\nbool on\n"
+    + "=" * 80
+    + "\nMSG: rig_msgs/Stamp\nint32 sec\nuint32 nanosec"
+)
+
+
+def mcap_of_ros_2() -> bytes:
     ros2 = pytest.importorskip("mcap_ros2.writer")
     stream = io.BytesIO()
     writer = ros2.Writer(stream)
-    definition = (
-        "Stamp stamp\nfloat64[] position\nfloat32[2] gain\nbool on\n"
-        + "=" * 80
-        + "\nMSG: rig_msgs/Stamp\nint32 sec\nuint32 nanosec"
-    )
-    schema = writer.register_msgdef("rig_msgs/msg/Joint", definition)
+    schema = writer.register_msgdef("rig_msgs/msg/Joint", ROS_2_SCHEMA)
     for i in range(2):
         message = {
             "stamp": {"sec": i, "nanosec": 5},
@@ -223,7 +225,11 @@ def test_mcap_of_ros_2(tmp_path: Path) -> None:
         }
         writer.write_message("/joint", schema, message, log_time=1_000 * i, publish_time=0)
     writer.finish()
-    columns = read_columns(file(tmp_path, stream.getvalue(), "run.mcap"))
+    return stream.getvalue()
+
+
+def test_mcap_of_ros_2(tmp_path: Path) -> None:
+    columns = read_columns(file(tmp_path, mcap_of_ros_2(), "run.mcap"))
     assert columns.names[2:] == (
         "stamp.sec",
         "stamp.nanosec",
@@ -236,6 +242,26 @@ def test_mcap_of_ros_2(tmp_path: Path) -> None:
     assert list(columns.numbers("stamp.sec")) == [0.0, 1.0]
     assert list(columns.numbers("position[1]")) == [1 / 3, 1 / 3]
     assert list(columns.numbers("gain[0]")) == [0.5, 0.5]
+
+
+@pytest.mark.parametrize("every", [13, pytest.param(1, marks=pytest.mark.thorough)])
+def test_any_byte_of_a_schema_may_be_off(
+    every: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The file is read or refused by its name, and the library prints nothing of its own."""
+    whole = mcap_of_ros_2()
+    begin = whole.rindex(ROS_2_SCHEMA.encode())
+    refused = []
+    for place in range(begin - 40, begin + len(ROS_2_SCHEMA), every):  # with its name and encoding
+        for byte in (0x00, ord("="), ord("A"), 0xFF):
+            bad = file(tmp_path, whole[:place] + bytes([byte]) + whole[place + 1 :], "bad.mcap")
+            try:
+                read_columns(bad)
+            except UserError as error:
+                refused.append(str(error))
+    assert {*refused} == {f"'{tmp_path / 'bad.mcap'}' is damaged or no MCAP file: write it again"}
+    assert len(refused) * every > len(ROS_2_SCHEMA)
+    assert capsys.readouterr() == ("", "")
 
 
 @pytest.mark.parametrize(

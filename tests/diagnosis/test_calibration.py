@@ -29,8 +29,8 @@ from servo_models.diagnosis.verdict import (
     OUTSIDE,
     PARAMETERS,
 )
+from servo_models.withheld.score import Case, calibration_error, log_loss
 from studies.calibrate import Run, cross_validated, learn, learnt, with_probabilities
-from studies.withheld.score import Case, calibration_error, log_loss
 from tests.support.withheld_cases import case
 
 SHARES = st.lists(st.floats(0.0, 1.0), min_size=2, max_size=20)

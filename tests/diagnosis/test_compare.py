@@ -71,13 +71,38 @@ def test_what_has_changed_is_said(folder: Path) -> None:
     text = (folder / "gimbal.toml").read_text()
     (folder / "gimbal.toml").write_text(text + "# edited\n")
     (folder / "log.csv").write_text((folder / "log.csv").read_text() + "4000,0,0\n")
-    said = compare([folder / "found.json"]).remarks
+    said = compare([folder / "found.json", folder / "retuned.toml"]).remarks
     assert any("another 'gimbal.toml'" in it for it in said)
     assert any("'log.csv' has changed" in it for it in said)
+    assert not any("different logs" in it for it in said)
     write(folder, logs=[{"file": "other.csv", "sha256": "0" * 64}])
     assert any(
         "'other.csv', which is not here" in it for it in compare([folder / "found.json"]).remarks
     )
+
+
+def test_diagnoses_of_different_logs_are_said_to_be_that(folder: Path) -> None:
+    """Of two folders, of one where the log was recorded anew, or by another name."""
+    again, new, mine = folder / "again", (folder / "log.csv").read_text(), folder / "found.json"
+    again.mkdir()
+    for file in [*folder.glob("gimbal.*")]:
+        shutil.copy(file, again)
+    (again / "log.csv").write_text(new + "4000,0,0\n")
+    write(again)
+    kept = shutil.copy(again / "found.json", folder / "before.json")
+    write(again, logs=[{"file": "b.csv", "sha256": "0" * 64}])
+    named = shutil.copy(again / "found.json", folder / "named.json")
+    write(again)
+    for other, which in (
+        (again / "found.json", "another 'log.csv'"),
+        (kept, "another 'log.csv'"),
+        (named, "'b.csv', which is not here"),
+    ):
+        (said,) = compare([mine, other]).remarks
+        begin = f"'{other}' is of different logs than '{folder / 'gimbal.toml'}': {which}."
+        assert said == f"{begin} Errors are on those of '{folder / 'gimbal.toml'}'."
+    (said,) = compare([again / "found.json"], folder / "gimbal.toml").remarks
+    assert "different logs" in said
 
 
 @pytest.mark.parametrize(

@@ -32,7 +32,7 @@ from servo_models.diagnosis.gap import gaps, whole_gap
 from servo_models.diagnosis.preconditions import slowest_time_constant
 from servo_models.diagnosis.search.crossval import CrossValidation, blocks
 from servo_models.diagnosis.search.selection import FIRST_ANSWER
-from servo_models.diagnosis.stretches import HeldOut, held_out_scores
+from servo_models.diagnosis.stretches import HeldOut, held_out_outputs, held_out_scores
 from servo_models.diagnosis.verdict import PARAMETERS, Verdict, decide
 from servo_models.identification.problem import Problem
 from servo_models.validation.torque_motor.reference import EQ_12
@@ -128,30 +128,56 @@ def test_every_verdict_is_one_sentence(case: tuple[Diagnosis, Told], kind: str) 
 def test_a_held_out_log_that_is_missed_is_part_of_the_verdict(
     case: tuple[Diagnosis, Told],
 ) -> None:
-    """Of the same rig with a friction that no sample that is judged has shown."""
+    """Of the same rig with a friction that no sample that is judged has shown.  Errors held out are
+    those of simulations of the three models, of all logs together, and no blocks."""
     found, _ = case
     (log,) = found.logs
     rubbing = changed(found.fitted, {"coulomb_friction.level": 0.01})
-    angle = simulate(rubbing, log.times, log.inputs)["angle"]
+    run = simulate(rubbing, log.times, log.inputs)
     everything = np.ones(len(log.times), dtype=bool)
-    other = replace(log, name="rubbing", outputs={"angle": angle}, held_out=everything)
-    selection = found.selection
+    measured = {name: run[name] for name in ("angle", "current")}
+    other = replace(log, name="rubbing", outputs=measured, held_out=everything)
+    ends = log.times > 0.7 * log.times[-1]
+    late = replace(log, name="late", held_out=ends, skipped=~ends)
+    logs, selection = (log, other, late), found.selection
+    floors = {**found.floors, "current": 0.01}
     both, alone = (
-        replace(one, problem=Problem(found.model, [log, other], one.problem.free, found.floors))
+        replace(one, problem=Problem(found.model, logs, one.problem.free, floors))
         for one in (selection.taken, selection.retuned)
     )
     selection = replace(selection, taken=both, retuned=alone)
-    told = replace(
-        found, selection=selection, logs=(log, other), held_out=held_out_scores(selection)
-    )
-    (missed,) = told.held_out
+    scores = held_out_scores(selection)
+    told = replace(found, selection=selection, logs=logs, held_out=scores, floors=floors)
+    retuned = changed(found.model, selection.retuned.values)
+    runs = [simulate(it, log.times, log.inputs) for it in (found.model, retuned, found.fitted)]
+    seen = {"angle": logs[1:], "current": logs[1:2]}
+    errors = {
+        name: [
+            np.concatenate([(run[name] - it.outputs[name])[it.held_out] for it in held])
+            for run in runs
+        ]
+        for name, held in seen.items()
+    }
+    sizes = {name: [np.sqrt(np.mean(it**2)) for it in each] for name, each in errors.items()}
+    for name, one in held_out_outputs(told.held_out).items():
+        assert [one.before, one.retuned, one.after] == pytest.approx(sizes[name], rel=1e-6)
+    angle = " -> ".join(f"{math.degrees(size):.3g}" for size in sizes["angle"])
+    current = " -> ".join(f"{1e3 * size:.3g}" for size in sizes["current"])
+    text = summary.sentence(told)
+    first = f": held out, angle {angle} deg, current {current} mA (before, re-tuned, with effect);"
+    assert first in text.partition("on blocks that a fit left out")[0]
+    assert first[2:].partition(",")[2].strip(" ;") in str(told)
+    missed, kept = told.held_out
+    assert kept.after < 1.5
     assert missed.after > 3.0 * told.gap.rms["after"]
     assert (
         f"; of log 'rubbing', held out, it leaves {missed.after:.3g} noise floors."
         in summary.sentence(told)
     )
     assert any("'rubbing'" in text and "judge that log" in text for text in summary.warnings(told))
-    assert "held out, it leaves" not in summary.sentence(found)
+    text = summary.sentence(found)
+    assert "held out" not in text
+    assert "on blocks that a fit left out" in text
 
 
 @pytest.mark.parametrize("after", [math.nan, 3.0])
@@ -159,7 +185,9 @@ def test_no_effect_is_blamed_where_parameters_alone_cannot_be_simulated(
     case: tuple[Diagnosis, Told], after: float
 ) -> None:
     found = replace(case[0])
-    found.__dict__["held_out"] = (HeldOut("light", math.nan, after, worse=False),)
+    found.__dict__["held_out"] = (
+        HeldOut("light", 9, math.nan, math.nan, after, worse=False, outputs={}),
+    )
     (text,) = [text for text in summary.warnings(found) if "'light'" in text]
     assert "with parameters alone" in text
     assert "something else is missing" not in text

@@ -129,6 +129,9 @@ def test_an_fmu_of_the_parameter_file_leaves_what_the_json_says(
     told = session.document["confirmation"]["outputs"]["angle"]
     for part, mask in (("fit", log.fitted), ("held_out", log.held_out)):
         assert told[part]["after"] == pytest.approx(np.sqrt(np.mean(error[mask] ** 2)), rel=1e-12)
+        if part == "held_out":
+            held = session.document["held_out_outputs"]["angle"]
+            assert [held["before"], held["after"]] == pytest.approx([*told[part].values()])
     assert session.document["confirmation"]["difference"] == 0.0
 
 

@@ -31,7 +31,7 @@ from servo_models.diagnosis.diagnose import diagnose
 from servo_models.diagnosis.ranking import NOTHING_ERRORS, probabilities, ranked_effects
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.sections.tables import intervals
-from servo_models.diagnosis.stretches import HeldOut
+from servo_models.diagnosis.stretches import HeldOut, UnseenOutput
 from servo_models.diagnosis.verdict import (
     EFFECT,
     EFFECTS,
@@ -193,7 +193,7 @@ def test_a_diagnosis_is_drawn_on_axes_of_the_user(found: Diagnosis) -> None:
 
 
 def test_tables_are_frames_of_numbers(found: Diagnosis) -> None:
-    frame = found.tables()["Gap, RMS on stretches that no fit has seen"]
+    frame = found.tables()["Gap, RMS on blocks that a fit left out"]
     assert frame["before [deg]"].to_list() == [np.degrees(found.gaps[0].rms["before"])]
     effects = found.tables()["Effects, most likely first"]
     assert effects["effect"].to_list() == [effect.name for effect in found.ranking]
@@ -339,11 +339,55 @@ def test_an_effect_whose_size_is_not_determined_is_not_asserted(
 
 
 def test_effects_are_not_asserted_where_what_is_held_out_gets_worse(found: Diagnosis) -> None:
-    worse = replace(found, held_out=(HeldOut("other", 2.0, 5.0, worse=True),))
+    worse = replace(found, held_out=(_held_out(3.0, 2.0, 5.0, worse=True),))
     assert worse.doubted == ("transport_delay",)
     assert "log 'other', held out, gets worse" in summary.headline(worse)
     surely, less = (probabilities(found.selection, found.verdict, worse=it) for it in (False, True))
     assert less["transport_delay"] < surely["transport_delay"]
+
+
+@pytest.mark.parametrize(
+    ("errors", "asserted", "used"),
+    [
+        ([], True, True),
+        ([(9.0, 8.0, 7.1)], True, True),
+        ([(9.0, 8.0, 7.3)], False, False),
+        ([(9.0, 8.0, 7.1), (9.0, 8.0, 7.9)], False, False),  # together by less than a tenth
+        ([(9.0, math.nan, 8.5), (9.0, 8.0, 4.0)], True, True),
+        ([(9.0, 8.0, math.nan)], False, False),
+        ([(5.0, 7.0, 4.8)], True, False),  # no better than the model as it was
+        ([(1.5, 2.5, 1.5)], True, True),  # noise
+    ],
+)
+def test_an_effect_that_helps_little_where_it_is_held_out_is_possible(
+    found: Diagnosis, errors: list[tuple[float, float, float]], asserted: bool, used: bool
+) -> None:
+    told = replace(found, held_out=tuple(_held_out(*each) for each in errors))
+    text = summary.headline(told)
+    assert ("explains the gap" in text) == asserted == (told.doubted == ())
+    assert ("is possible, but against parameters alone" in text) == (not asserted)
+    words = _words(told)
+    assert ("Use the diagnosed model" in words) == used
+
+
+def test_effects_that_help_little_where_they_are_held_out_are_not_told_as_sure(
+    found: Diagnosis,
+) -> None:
+    one = found.selection.of_size(1)[0]
+    pairs = [replace(one, effects=("transport_delay", it)) for it in ("backlash", "sensor_lag")]
+    members = ("transport_delay", "backlash", "sensor_lag")
+    verdict = replace(found.verdict, kind=NOT_IDENTIFIABLE, members=members, rivals=tuple(pairs))
+    sure, less = (
+        summary.headline(replace(found, verdict=verdict, held_out=(_held_out(9.0, 8.0, after),)))
+        for after in (4.0, 7.9)
+    )
+    assert sure.startswith("It is transport_delay on 'voltage', and")
+    assert less.startswith("These logs cannot tell which effect it is, if any: transport_delay, ")
+
+
+def _held_out(before: float, retuned: float, after: float, worse: bool = False) -> HeldOut:
+    angle = UnseenOutput("rad", before * NOISE, retuned * NOISE, after * NOISE)
+    return HeldOut("other", 100, before, retuned, after, worse, {"angle": angle})
 
 
 def test_a_load_and_a_friction_are_told_as_such(found: Diagnosis) -> None:

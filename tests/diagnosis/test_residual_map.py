@@ -27,8 +27,8 @@ from servo_models.diagnosis.search.fitting import FittedModel, Fitter
 from servo_models.effects.residual_map import CURVES, residual_drive, residual_torque
 from servo_models.errors import UserError
 from servo_models.identification.problem import prior_parameters
-from studies.withheld.generator.cases import EASY, Case, draw_case
-from studies.withheld.generator.files import write_case
+from servo_models.withheld.generator.cases import EASY, Case, draw_case
+from servo_models.withheld.generator.files import write_case
 from tests.support.document import ROOT
 from tests.support.schemas import check_schema
 

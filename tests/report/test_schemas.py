@@ -20,9 +20,9 @@ from servo_models.identification.document import (
 from servo_models.report.document import Document, schema_of
 from servo_models.validation.rows import MODEL, CostCurve, CostPoint, Validation, judged
 from servo_models.validation.sections import ValidationDocument
+from servo_models.withheld.run import Check
+from servo_models.withheld.sections import CheckDocument as WithheldDocument
 from studies.schemas import FILES
-from studies.withheld.run import Check
-from studies.withheld.sections import CheckDocument as WithheldDocument
 from tests.support.noisy_motor import described, frame, motor_log
 from tests.support.schemas import check_schema
 from tests.support.withheld_cases import MADE

@@ -28,7 +28,9 @@ def code_blocks(text: str, language: str) -> list[str]:
     return re.findall(rf"^```{language}\n((?:.*\n)*?)```", text, re.MULTILINE)
 
 
-def follow(text: str, run: Callable[..., tuple[int, str, str]], doubted: str = "-") -> list[str]:
+def follow(
+    text: str, run: Callable[..., tuple[int, str, str]], doubted: str | tuple[str, ...] = "-"
+) -> list[str]:
     """Run the commands of a text and return them; the lines that it shows must be printed.
 
     Commands that begin with ``doubted`` end with exit code 1: they ran and something is not well.

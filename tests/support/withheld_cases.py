@@ -6,8 +6,8 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from studies.withheld.oracle import Diagnosed, Known
-from studies.withheld.score import Case
+from servo_models.withheld.oracle import Diagnosed, Known
+from servo_models.withheld.score import Case
 
 
 def case(

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from servo_models.diagnosis.verdict import OUTSIDE
 from servo_models.survey.belonging import BATCH, MODEL, SINGLE, UNIT, Belonging, belongings
 from servo_models.survey.job import Outcome
 from servo_models.survey.sections import words
@@ -143,6 +144,79 @@ def test_a_parameter_that_moved_on_most_units_belongs_to_the_model() -> None:
     ]
     assert told(belongings(jobs)) == {("inertia", MODEL, "", ())}
     assert not belongings(near)
+
+
+LATE = "transport_delay.time"
+
+
+def with_delays(delays: Iterable[float | None], late: int, prior: float) -> list[Outcome]:
+    """Units whose model has a delay of 5 ms, as re-tuned; None on the bound 0, without an error."""
+    return [
+        outcome(
+            f"{k:02}",
+            "elbow",
+            parameters=[
+                estimate(LATE, delay or 0.0, None if delay is None else 5e-5, 5e-3, prior),
+                estimate("inertia", 1.0 + 0.01 * np.sin(k * k), 0.01, 1.0, 0.5),
+            ],
+            firmware="2" if k < late else "1",
+            bench=f"{k % 2}",
+        )
+        for k, delay in enumerate(delays)
+    ]
+
+
+@pytest.mark.parametrize("prior", [1e-3, 4e-3, 50e-3])
+@pytest.mark.parametrize(
+    "others", [[5.1e-3, 4.9e-3, 5e-3, 5.05e-3], [None, 2e-5, None, None], [5e-3] * 4]
+)
+def test_a_firmware_that_is_late_is_told_where_the_delay_is_a_parameter(
+    prior: float, others: list[float | None]
+) -> None:
+    """By 12 ms: 12, 3 and 0.24 standard deviations of what was believed."""
+    jobs = with_delays([17e-3, 17.1e-3, 16.9e-3, *others], 3, prior)
+    late = [it for it in belongings(jobs) if it.whose]
+    assert told(late) == {(LATE, BATCH, "firmware = 2", ())}
+    assert words(late[0]).startswith(f"{LATE} belongs to units of firmware = 2: 17.0")
+    assert words(late[0]).endswith("3 of 3 units")
+
+
+def test_a_parameter_on_the_bound_of_its_prior_has_moved() -> None:
+    """Where it has no standard error."""
+    at_bound = outcome("a", "elbow", parameters=[estimate(LATE, 9e-3, None, 5e-3, 1e-3)])
+    (found,) = belongings([at_bound])
+    assert words(found) == f"{LATE} belongs to unit a, elbow: of no size that the logs tell"
+
+
+def test_parameters_of_units_that_are_alike_hardly_ever_set_a_batch_apart() -> None:
+    random = np.random.default_rng(4)
+    names = [f"parameter_{k}" for k in range(8)]
+    owners = []
+    for _ in range(50):
+        values = 1.0 + 0.1 * random.standard_normal((8, 8))
+        jobs = [
+            outcome(
+                f"{k}",
+                "elbow",
+                parameters=[estimate(n, v, 0.01, 1.0, 0.5) for n, v in zip(names, row)],
+                firmware="2" if k < 3 else "1",
+            )
+            for k, row in enumerate(values)
+        ]
+        owners += [it.owner for it in belongings(jobs)]
+    assert owners.count(BATCH) <= 3  # of 50 fleets; 1 in 100 is wanted
+
+
+@pytest.mark.parametrize("other", [{"stopped": "after 60 s"}, {"verdict": OUTSIDE}])
+def test_what_was_stopped_or_is_outside_the_catalogue_is_nobodys(other: dict[str, str]) -> None:
+    """Whatever owner it would have, and says nothing of what others have."""
+    jobs = [*fleet(30, 2, episodes=0, parameters=2), outcome("one", "elbow", ZONE)]
+    moved = [estimate("inertia", 3.0, 0.05, 1.0, 0.5)]
+    same = [msgspec.structs.replace(it, unit=f"x{it.unit}", parameters=moved) for it in jobs]
+    unsure = [msgspec.structs.replace(it, **other) for it in same]
+    assert {it.owner for it in belongings(same)} == {MODEL, BATCH, UNIT, SINGLE}
+    assert belongings(unsure) == []
+    assert belongings([*jobs, *unsure]) == belongings(jobs)
 
 
 def test_jobs_that_leave_a_choice_are_explained_as_one() -> None:

@@ -85,6 +85,34 @@ def test_a_gain_is_imitated_by_an_uncertain_constant_beside_it(tmp_path: Path) -
     assert rig(tmp_path)(Case("gain_error", 5.0)).told == IMITATED
 
 
+ON = {"transport_delay": "time = 1.1 ms", "end_stops": "half_range = 3 deg"}
+
+
+@pytest.mark.parametrize(
+    ("effect", "said"),
+    [
+        *((it, f"is on in the model ({it}.{ON[it]}), where it is a parameter") for it in ON),
+        ("load_gain", "'load_torque' has one value in all logs"),
+        ("residual_map", "it is learnt from what a diagnosis leaves"),
+        ("load_inertai", "did you mean 'load_inertia'"),
+    ],
+)
+def test_an_effect_that_cannot_be_put_in_is_refused_with_reason_and_cure(
+    tmp_path: Path, run: Run, effect: str, said: str
+) -> None:
+    path = plan(tmp_path)
+    text = path.read_text().replace("parameters.transport_delay.time = 0\n", "")
+    path.write_text(text)
+    code, _, err = run("rehearse", path, "--noise", "angle=0.01deg", "--effects", effect)
+    assert code == 2
+    assert said in err
+    if effect in ON:
+        cure = f"{effect}.{ON[effect].split()[0]} = 0"
+        assert f"write '{cure}' under [parameters] of '{path}'" in err
+        path.write_text(f"{text}[parameters]\n{cure}\n")
+        assert effect in Rig(path, False, {"angle": NOISE}, 0, None).candidates
+
+
 def test_noise_is_given_or_from_the_resolution(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="nothing tells the noise of 'angle'"):
         Rig(plan(tmp_path), False, {}, 0, None)

@@ -78,6 +78,27 @@ def test_the_mean_of_the_units_is_a_parameter_file(tmp_path: Path) -> None:
     assert read.estimates[0].standard_error == pytest.approx(np.sqrt(3.0 + 4.0 / 3.0))
 
 
+def test_what_units_have_in_common_is_without_a_batch_and_what_was_stopped() -> None:
+    """A delay of 30 ms that each model lacks, or has: 5 ms later on a batch, 1 ms where stopped."""
+    for part in ("transport_delay", "transport_delay.time"):
+        lacks, jobs = "." not in part, []
+        for k, later in enumerate([5e-3] * 3 + [0.0] * 4 + [1e-3] * 2):
+            size = (0.03 + later + 1e-5 * (-1) ** k, 1e-3)
+            has = [] if lacks else [estimate(part, *size, nominal=0.025, prior=0.05)]
+            effects = {part: size} if lacks else {}
+            job = outcome(f"{k}", "elbow", effects, parameters=has, firmware=f"{k < 3}")
+            jobs.append(msgspec.structs.replace(job, stopped="after 60 s" if k > 6 else ""))
+        found = survey(*jobs)
+        assert [(it.name, it.whose) for it in found.belongings if it.whose] == [
+            (part, "firmware = True")
+        ]
+        assert "2 joints left out: the diagnosis was stopped" in str(found)
+        (delay,) = found.common("elbow").estimates
+        assert delay.name == "transport_delay.time"
+        assert delay.value == pytest.approx(0.03 if lacks else 0.0303, abs=1e-4)
+        assert found.estimates()["name"].to_list() == ["transport_delay.time"] * 9
+
+
 def test_no_mean_is_taken_of_two_actuators() -> None:
     elbow, wrist = outcome("1", "elbow", DELAY), outcome("1", "wrist", DELAY)
     copies = [msgspec.structs.replace(elbow, actuator=f"{u}/mine.py", unit=u) for u in "ab"]
@@ -242,4 +263,5 @@ def test_an_effect_that_is_only_the_nearest_belongs_to_nobody() -> None:
     text = str(survey(known, msgspec.structs.replace(unknown, verdict=OUTSIDE)))
     assert "backlash belongs to unit 1, elbow" in text
     assert "transport_delay belongs" not in text
+    assert "1 joint left out: " in text
     assert "nearest: transport_delay 30.0 +- 1.0 ms" in text

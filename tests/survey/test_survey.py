@@ -15,10 +15,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import msgspec
+import numpy as np
 import polars as pl
 import pytest
 
 from servo_models import survey
+from servo_models.core.types import Array
 from servo_models.errors import UserError
 from servo_models.survey import engine, job, store
 from servo_models.survey.store import Store, read_outcome
@@ -50,7 +52,8 @@ def kept(out: Path) -> dict[str, str]:
 def test_broken_logs_are_rows_and_the_rest_finishes(tmp_path: Path, run: Run) -> None:
     fleet = broken(tmp_path / "fleet", 3)
     shutil.copytree(GIMBAL, fleet / "whole")
-    code, _, _ = run("survey", fleet, "--no-reports", "--jobs", "2", "--out", tmp_path / "out")
+    options = ("--no-reports", "--jobs", "2", "--trust", "--out", tmp_path / "out")
+    code, _, _ = run("survey", fleet, *options)
     assert code == 1
     table = pl.read_csv(tmp_path / "out" / "table.csv")
     assert table["verdict"].to_list() == ["failed", "failed", "failed", "effect"]
@@ -78,7 +81,7 @@ def test_a_job_that_crashes_or_hangs_ends_alone(
     (fleet / "unit_1" / "own.py").write_text(CRASHES.format(what=what))
     text = BROKEN.replace("dc_motor", "own.py")
     (fleet / "unit_1" / "joint.toml").write_text(text)
-    found = survey(fleet, tmp_path / "out", jobs=1, reports=False, time_limit=1.0)
+    found = survey(fleet, tmp_path / "out", jobs=1, reports=False, time_limit=1.0, trust=True)
     first, second = found.outcomes
     assert "logs[1].time: missing" in first.failure
     assert says in second.failure
@@ -94,12 +97,60 @@ def test_a_time_limit_ends_the_fits_of_single_logs_as_well() -> None:
     assert b"<title>a, gimbal: " in done.page  # which no other unit has
 
 
+SERVO = """
+actuator = "second_order_servo"
+variant = "bus"
+[[logs]]
+file = "{0}.csv"
+start = "rest"
+time = {{ column = "t", unit = "s" }}
+inputs.goal = {{ column = "goal", unit = "rad" }}
+outputs.angle = {{ column = "angle", unit = "rad" }}
+"""
+
+
+def follow(times: Array, delay: float, pitch: float, random: np.random.Generator) -> Array:
+    """Steps of a goal at irregular rows, and the exact angle of a servo with a damping of 0.8."""
+    rows = np.cumsum(random.integers(17, 53, size=16))
+    steps = [(times[row], random.uniform(-0.1, 0.1)) for row in rows if row < len(times)]
+    goal, angle = np.zeros_like(times), 2e-4 * random.standard_normal(len(times))
+    for begin, size in steps:
+        goal += size * (times >= begin)
+        since = pitch * np.maximum(times - begin - delay, 0.0)
+        swing = np.cos(0.6 * since) + 0.8 / 0.6 * np.sin(0.6 * since)
+        angle += size * (1.0 - np.exp(-0.8 * since) * swing)
+    return np.column_stack([times, goal, angle])
+
+
+@pytest.mark.thorough
+def test_a_firmware_that_is_late_is_named_where_the_model_has_a_delay(tmp_path: Path) -> None:
+    """By 1.4 rows, of a servo whose delay is a parameter that nobody knows well."""
+    random, table = np.random.default_rng(8), ["log,unit,joint,firmware"]
+    for k in range(5):
+        delay, pitch = 0.024 if k < 2 else 0.01, 30.0 + random.standard_normal()
+        log = follow(np.arange(0.0, 5.0, 0.01), delay, pitch, random)
+        np.savetxt(tmp_path / f"{k}.csv", log, "%.9g", ",", header="t,goal,angle", comments="")
+        (tmp_path / f"{k}.toml").write_text(SERVO.format(k))
+        table.append(f"{k}.toml,unit {k},tilt,{'new' if k < 2 else 'old'}")
+    (tmp_path / "fleet.csv").write_text("\n".join(table))
+    found = survey(tmp_path / "fleet.csv", tmp_path / "out", jobs=2, reports=False)
+    (late,) = found.belongings
+    assert (late.name, late.whose) == ("transport_delay.time", "firmware = new")
+    assert late.places == [("unit 0", "tilt"), ("unit 1", "tilt")]
+    assert late.size
+    assert late.size.mean == pytest.approx(0.024, abs=3e-4)
+    told = found.estimates().filter(pl.col("episode").is_null(), name="transport_delay.time")
+    assert told["value"].to_numpy() == pytest.approx([0.024] * 2 + [0.01] * 3, abs=3e-4)
+    (common,) = (it for it in found.common("tilt").estimates if it.name == late.name)
+    assert common.value == pytest.approx(0.01, abs=3e-4)
+
+
 def test_parameters_that_units_have_in_common_are_a_file_for_the_other_commands(
     tmp_path: Path, run: Run
 ) -> None:
     for unit in "ab":
         shutil.copytree(GIMBAL, tmp_path / "fleet" / unit)
-    survey(tmp_path / "fleet", tmp_path / "out", jobs=2, reports=False)
+    survey(tmp_path / "fleet", tmp_path / "out", jobs=2, reports=False, trust=True)
     common = tmp_path / "out" / "common" / "gimbal.toml"
     code, out, _ = run("explain", "--params", common, "--trust")
     assert code == 0
@@ -292,8 +343,8 @@ def test_a_cluster_gives_the_same_table_to_the_last_digit(tmp_path: Path, cluste
     fleet = broken(tmp_path / "fleet", 2)
     shutil.copytree(GIMBAL, fleet / "whole")
     address = cluster.scheduler_address  # type: ignore[attr-defined]
-    far = survey(fleet, tmp_path / "far", scheduler=address, reports=False)
-    near = survey(fleet, tmp_path / "near", jobs=2, reports=False)
+    far = survey(fleet, tmp_path / "far", scheduler=address, reports=False, trust=True)
+    near = survey(fleet, tmp_path / "near", jobs=2, reports=False, trust=True)
     for one, other in ((far.table(), near.table()), (far.estimates(), near.estimates())):
         columns = [name for name in one.columns if name != "seconds"]
         assert one.select(columns).equals(other.select(columns))

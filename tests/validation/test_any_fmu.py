@@ -58,7 +58,7 @@ def test_a_right_fmu_passes(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize(("finer", "every"), [(5, 1), (1, 4)])
+@pytest.mark.parametrize(("finer", "every"), [(5, 1), (1, 4), (1, 25)])
 @pytest.mark.parametrize("name", FOREIGN)
 def test_points_of_the_reference_may_be_others(
     name: str, finer: int, every: int, tmp_path: Path
@@ -151,6 +151,36 @@ def test_an_event_may_come_a_sample_late_but_not_always() -> None:
     assert "1 ms late" in beside(late, right, held=True).fault
     once = np.where(np.abs(TIMES - 0.5) < 1e-6, right - 1.0, right)
     assert beside(once, right, held=True).passed
+
+
+def switched(edges: Array, times: Array) -> Array:
+    """A Boolean that turns at each of the edges."""
+    return np.searchsorted(edges, times, side="right") % 2.0
+
+
+@given(st.integers(0, 10**6), st.sampled_from([2, 5, 10, 25]), st.booleans(), st.floats(0.0, 1.0))
+@settings(max_examples=150)
+def test_a_boolean_is_right_up_to_the_coarser_of_row_and_step(
+    seed: int, finer: int, of_response: bool, late: float
+) -> None:
+    """Its pulses between two points of the coarser one are on neither; two rows late is wrong."""
+    draw = np.random.default_rng(seed)
+    coarse = 0.01
+    row, step = (coarse, coarse / finer) if of_response else (coarse / finer, coarse)
+    rows, steps = (each * np.arange(round(2.0 / each) + 1) for each in (row, step))
+
+    def judged_at(edges: Array, delay: float) -> bool:
+        reference = Trace(rows, switched(edges, rows), held=True)
+        response = Trace(steps, switched(edges + delay, steps), held=True)
+        limits = allowed(reference, step, exact=True)
+        return compare("on", "1", reference, response, limits, step).passed
+
+    short = np.sort(draw.uniform(0.0, 2.0, draw.integers(1, 40)))
+    assert judged_at(short, 0.0)
+    apart = np.arange(0.1, 1.9, 0.1) + draw.uniform(0.0, 0.05, 18)
+    edges = apart[: draw.integers(1, 19)]
+    assert judged_at(edges, late * row)
+    assert not judged_at(edges, 2.1 * coarse + row)
 
 
 @given(st.integers(0, 10**6), st.booleans(), st.integers(1, 400))

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import math
 import re
+import zipfile
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -169,6 +173,81 @@ def test_an_fmu_with_a_wrong_description_fails(tmp_path: Path, fmu_file: FmuFile
     rows = implementation_rows(subject)
     subject.close()
     assert [row.passed for row in rows] == [False, *(True for _ in rows[1:])]
+
+
+CURES: dict[str, tuple[Callable[[bytes], bytes], str]] = {
+    "a rule of FMI": (partial(re.sub, rb'unit="A"', b'unit="Ampere"'), "('Ampere')"),
+    "other names": (
+        partial(re.sub, rb'name="current"', b'name="amperes"'),
+        "has not the variables",
+    ),
+}
+
+
+@pytest.mark.parametrize("wrong", CURES)
+@pytest.mark.parametrize("ours", [True, False])
+def test_only_an_fmu_of_ours_is_to_be_built_again(
+    wrong: str, ours: bool, tmp_path: Path, fmu_file: FmuFile, run: Run
+) -> None:
+    spoil, told = CURES[wrong]
+    bad = with_description(
+        fmu_file("torque_motor"),
+        tmp_path / "any.fmu",
+        lambda text: spoil(text if ours else text.replace(b'Tool="servo-models', b'Tool="Other')),
+    )
+    code, *said = run("validate", bad)
+    text = " ".join("".join(said).split())
+    assert code in (1, 2), text
+    assert told in text
+    assert ("build it again" in text) == ours, text
+
+
+def test_a_file_that_is_no_fmu_names_no_builder(tmp_path: Path, run: Run) -> None:
+    with zipfile.ZipFile(tmp_path / "text.fmu", "w") as archive:
+        archive.writestr("modelDescription.xml", "<fmiModelDescription>")
+    (tmp_path / "half.fmu").write_bytes(b"PK\x03\x04 and no more")
+    for name in ("half.fmu", "text.fmu"):
+        code, _, err = run("validate", tmp_path / name)
+        assert (code, "tool that made it" in err, "build it" in err) == (2, True, False), err
+
+
+@pytest.mark.parametrize("full", ["file", "folder", "everywhere"])
+def test_a_full_disk_is_no_fault_of_the_fmu(
+    full: str, tmp_path: Path, fmu_file: FmuFile, monkeypatch: pytest.MonkeyPatch, run: Run
+) -> None:
+    fmu = fmu_file("torque_motor")
+
+    def refuse(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    def nowhere() -> str:
+        raise FileNotFoundError(errno.ENOENT, "No usable temporary directory found in ['/tmp']")
+
+    opened = Path.open
+    if full == "file":
+        writes = {"xb": refuse}
+
+        def instead(path: Path, mode: str = "r", *rest: Any, **more: Any) -> Any:
+            return writes.get(mode, opened)(path, mode, *rest, **more)
+
+        monkeypatch.setattr(Path, "open", instead)
+    elif full == "folder":
+        monkeypatch.setattr("tempfile.mkdtemp", refuse)
+    else:
+        monkeypatch.setattr("tempfile.gettempdir", nowhere)
+        monkeypatch.setattr("tempfile.tempdir", None)
+    for words in ((), ("--static-only",)):
+        code, _, err = run("validate", fmu, *words)
+        assert (code, err.count("\n")) == (2, 1), err
+        assert "make room there, or set TMPDIR to a folder on another disk" in err
+        assert not re.search("build it|write it again", err)
+
+
+def test_an_fmu_that_is_too_large_has_one_cure(tmp_path: Path, run: Run) -> None:
+    with zipfile.ZipFile(tmp_path / "large.fmu", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("resources/map.bin", bytes(2 << 20))
+    code, _, err = run("validate", tmp_path / "large.fmu", "--unpacked", "1")
+    assert (code, err.rstrip().endswith("raise it with --unpacked if you trust the file")) == (2, 1)
 
 
 @pytest.mark.thorough

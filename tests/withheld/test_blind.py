@@ -13,9 +13,9 @@ import pytest
 from servo_models.cli import main
 from servo_models.data.description import read_description
 from servo_models.errors import UserError
-from studies.withheld.oracle import Diagnosed, Question, _logs, diagnose_case, rivals, seen
-from studies.withheld.run import Asked, check_tiers, own_code, run_blind
-from studies.withheld.sections import CheckDocument
+from servo_models.withheld.oracle import Diagnosed, Question, _logs, diagnose_case, rivals, seen
+from servo_models.withheld.run import Asked, check_tiers, own_code, run_blind
+from servo_models.withheld.sections import CheckDocument
 from tests.support.made_once import made_once
 from tests.support.schemas import check_schema
 

@@ -20,11 +20,11 @@ from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
 from servo_models.data.description import Description, read_description
 from servo_models.errors import UserError
-from studies.withheld.generator.cases import HIDDEN, RATIO
-from studies.withheld.generator.causes import CATALOGUE, FOREIGN
-from studies.withheld.generator.files import generate
-from studies.withheld.generator.rigs import RIGS
-from studies.withheld.run import Asked, sealed_cases, unlock
+from servo_models.withheld.generator.cases import HIDDEN, RATIO
+from servo_models.withheld.generator.causes import CATALOGUE, FOREIGN
+from servo_models.withheld.generator.files import generate
+from servo_models.withheld.generator.rigs import RIGS
+from servo_models.withheld.run import Asked, sealed_cases, unlock
 
 pytestmark = pytest.mark.thorough
 
@@ -175,7 +175,7 @@ def test_a_changed_answer_or_log_breaks_the_seal(tmp_path: Path) -> None:
 
 def test_it_runs_as_a_process_of_its_own_and_prints_the_seal(tmp_path: Path) -> None:
     path = tmp_path / "by command"
-    command = [sys.executable, "-m", "studies.withheld.generator", str(path)]
+    command = [sys.executable, "-m", "servo_models.withheld.generator", str(path)]
     command += ["--cases", "2", "--seed", "3", "--tiers", "hard,poor"]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     answers = unlock(path, done.stdout.strip())

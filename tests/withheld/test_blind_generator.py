@@ -15,7 +15,7 @@ from servo_models.analysis.linearise import linearise
 from servo_models.core.catalogue import actuator
 from servo_models.core.simulate import model, simulate
 from servo_models.validation.torque_motor.reference import Constants, Contact
-from studies.withheld.generator.cases import (
+from servo_models.withheld.generator.cases import (
     CLEAN,
     COLOURED,
     LEAST_VALUE,
@@ -31,9 +31,9 @@ from studies.withheld.generator.cases import (
     sized,
     with_log,
 )
-from studies.withheld.generator.causes import CATALOGUE, FOREIGN, Cause, draw
-from studies.withheld.generator.rigs import RIGS, Rig
-from studies.withheld.generator.simulation import Experiment, Plan
+from servo_models.withheld.generator.causes import CATALOGUE, FOREIGN, Cause, draw
+from servo_models.withheld.generator.rigs import RIGS, Rig
+from servo_models.withheld.generator.simulation import Experiment, Plan
 
 pytestmark = pytest.mark.thorough
 

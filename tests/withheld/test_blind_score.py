@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 from msgspec import structs
 
-from studies.withheld.score import FIGURES, calibration, confusion, mean, share
-from studies.withheld.sections import BARS, met
+from servo_models.withheld.score import FIGURES, calibration, confusion, mean, share
+from servo_models.withheld.sections import BARS, met
 from tests.support.withheld_cases import MADE, case
 
 # R. G. Newcombe, Statistics in Medicine 17 (1998) 857, table I, method 3

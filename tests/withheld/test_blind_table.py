@@ -10,10 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from servo_models.report.interchange import finite_json
-from studies.blind import case_of, row_of
-from studies.withheld.oracle import Diagnosed, Known
-from studies.withheld.run import Check
-from studies.withheld.score import (
+from servo_models.withheld.oracle import Diagnosed, Known
+from servo_models.withheld.run import Check
+from servo_models.withheld.score import (
     FIGURES,
     Case,
     Cases,
@@ -22,6 +21,7 @@ from studies.withheld.score import (
     confusion,
     imitated_told,
 )
+from studies.blind import case_of, row_of
 from tests.support.withheld_cases import MADE
 
 NAMES = st.lists(st.sampled_from(["a", "b", "sensor_quantisation"]), unique=True, max_size=3)

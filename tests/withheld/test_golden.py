@@ -12,6 +12,9 @@ from typing import Any
 import pytest
 
 from servo_models.errors import UserError
+from servo_models.withheld.generator.cases import KINDS, TIERS
+from servo_models.withheld.generator.faults import FAULTS
+from servo_models.withheld.generator.rigs import RIGS
 from studies.golden import (
     GOLDEN,
     QUICK,
@@ -29,9 +32,6 @@ from studies.golden import (
     verdict_table,
     withheld,
 )
-from studies.withheld.generator.cases import KINDS, TIERS
-from studies.withheld.generator.faults import FAULTS
-from studies.withheld.generator.rigs import RIGS
 
 STORED: dict[str, str] = json.loads((GOLDEN / "inputs.json").read_text("utf-8"))
 

@@ -14,10 +14,10 @@ import pytest
 from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
 from servo_models.data.description import read_description
+from servo_models.withheld.generator.cases import Case, draw_case
+from servo_models.withheld.generator.faults import FAULTS
+from servo_models.withheld.generator.files import write_case
 from studies.second_plant.long_logs import current_motor, loaded_servo, sts3215_joint
-from studies.withheld.generator.cases import Case, draw_case
-from studies.withheld.generator.faults import FAULTS
-from studies.withheld.generator.files import write_case
 
 pytestmark = pytest.mark.thorough
 

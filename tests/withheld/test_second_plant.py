@@ -18,14 +18,14 @@ import servo_models as sm
 from servo_models.data.description import read_description
 from servo_models.errors import UserError
 from servo_models.report.terminal import text
-from studies.rig.laws import CODE
+from servo_models.withheld.oracle import Diagnosed
+from servo_models.withheld.rig.laws import CODE
 from studies.second_plant import __main__ as command
 from studies.second_plant import figures, rigs
 from studies.second_plant.firmware import Firmware, Plant, Profile, run
 from studies.second_plant.judge import Observed, sets_of
 from studies.second_plant.mujoco_plant import MujocoPlant, engine
 from studies.second_plant.two_mass import STEP, Drive, TwoMass
-from studies.withheld.oracle import Diagnosed
 
 MOTOR = Drive(torque_constant=0.5, resistance=5.0, motor_inertia=3e-3, output_inertia=1e-3)
 COASTING = replace(MOTOR, resistance=1e12)

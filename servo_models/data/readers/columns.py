@@ -65,7 +65,10 @@ class Source:
     def read_by_library(self, *damaged: str) -> Iterator[None]:
         """Tell whatever a library raises, of many kinds, as ``damaged``; it prints nothing."""
         try:
-            with contextlib.redirect_stdout(io.StringIO()):
+            with (
+                contextlib.redirect_stdout(io.StringIO()) as sink,
+                contextlib.redirect_stderr(sink),
+            ):
                 yield
         except UserError:
             raise

@@ -47,15 +47,15 @@ def read(source: Source) -> Tables:
 def _columns(
     source: Source, items: list[Any], first: int
 ) -> tuple[list[pl.Series], dict[str, str]]:
-    decoders: dict[int, Callable[[bytes], Any]] = {}
-    for schema, channel, _ in items:
-        if channel.id not in decoders:
-            decoders[channel.id] = _decoder(source, schema, channel)
     times = {
         name: [getattr(message, name) for _, _, message in items]
         for name in ("log_time", "publish_time")
     }
+    decoders: dict[int, Callable[[bytes], Any]] = {}
     with source.read_by_library("MCAP"):
+        for schema, channel, _ in items:
+            if channel.id not in decoders:
+                decoders[channel.id] = _decoder(source, schema, channel)
         records = [decoders[channel.id](message.data) for _, channel, message in items]
     return message_columns(source, times, records, first)
 

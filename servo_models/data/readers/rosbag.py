@@ -7,15 +7,12 @@ Besides the fields of its messages a table has ``log_time``, when a message arri
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from servo_models.data.readers.columns import Source, Tables, extra
 from servo_models.data.readers.ros import message_columns, plain
 from servo_models.errors import UserError
 from servo_models.files import check_size
-
-if TYPE_CHECKING:
-    pass
 
 SUFFIXES = (".db3",)
 FOLDER = "metadata.yaml"  # file by which a folder is a bag

@@ -159,13 +159,18 @@ def _remarks(told: Sequence[_Told], described: Description, path: Path) -> Itera
         name, before = source.description
         if name and before != described.document.sha256:
             yield f"'{source.path.name}' was made with another '{name}' than '{path.name}' is now."
-        missing = [file for file in source.logs if file not in now]
-        other = [file for file, told in source.logs.items() if now.get(file, told) != told]
-        if missing:
-            files = listed(map(repr, missing))
-            yield f"'{source.path.name}' was made with {files}, which is not here."
-        if other:
+        apart = [f"{file!r}, which is not here" for file in source.logs if file not in now]
+        other = [file for file, digest in source.logs.items() if now.get(file, digest) != digest]
+        # a log has changed where all were made from the same one, in the folder of this description
+        known = {(file, it.logs[file]) for it in told for file in other if file in it.logs}
+        here = source.path.parent.resolve() == path.parent.resolve()
+        if other and here and len(known) == len(other):
             yield f"{listed(map(repr, other))} has changed since '{source.path.name}' was made."
+        else:
+            apart += [f"another {file!r}" for file in other]
+        if apart:
+            differ = f"'{source.path}' is of different logs than '{path}': {listed(apart)}"
+            yield f"{differ}. Errors are on those of '{path}'."
 
 
 def _errors(

@@ -63,6 +63,9 @@ def judgement(diagnosis: Diagnosis) -> bool | None:
 def _cards(diagnosis: Diagnosis) -> Iterator[Card]:
     if not diagnosis.within_tolerance:
         yield from _causes(diagnosis)
+    if held_out := summary.held_out(diagnosis):
+        yield Card("held out", held_out, None, ANSWER)
+    if not diagnosis.within_tolerance:
         yield Card("before", "\n".join(_before(diagnosis)), None, ANSWER)
     yield Card("left", "\n".join(_left(diagnosis)), None, ERRORS)
     if shape := diagnosis.residual_map:
@@ -90,7 +93,9 @@ def _causes(diagnosis: Diagnosis) -> Iterator[Card]:
         return
     lines = [_cause(diagnosis, effect) for effect in named[: diagnosis.settings.few_models + 1]]
     more = [f"and {len(named) - len(lines)} more"] if len(named) > len(lines) else []
-    title = {OUTSIDE: "nearest", NOT_IDENTIFIABLE: "one of"}.get(diagnosis.verdict.kind, "cause")
+    title = {OUTSIDE: "nearest", NOT_IDENTIFIABLE: "one of"}.get(
+        diagnosis.verdict.kind, "possible" if diagnosis.contradicted else "cause"
+    )
     yield Card(title, "\n".join([*lines, *more]), None, EFFECTS)
 
 
@@ -125,7 +130,7 @@ def _left(diagnosis: Diagnosis) -> Iterator[str]:
         yield f"{gap.output} {tables.error(diagnosis, gap, gap.rms['after'])} RMS, noise {floor}"
     left = f"{number(diagnosis.gap.rms['after'], 3)} noise floors"
     if diagnosis.gap.closed and not diagnosis.within_tolerance:
-        left += f"; {percent(diagnosis.gap.closed[0])} of the gap is closed"
+        left += f" on {summary.BLOCKS}; {percent(diagnosis.gap.closed[0])} of the gap is closed"
     yield left
     if diagnosis.moved and diagnosis.selection.taken.effects:
         yield f"{number(diagnosis.gap.rms['retuned'], 3)} noise floors with parameters alone"
@@ -147,7 +152,7 @@ def _to_do(diagnosis: Diagnosis) -> str:
         return diagnosis.repeats_wanted
     if diagnosis.parts:
         return "Give each actuator, or each time between changes, a description of its own."
-    if diagnosis.residual_map:
+    if diagnosis.residual_map and diagnosis.helps:
         return f"{_use(diagnosis, '--map')}; its residual map stands for what has no name yet."
     if diagnosis.verdict.kind == OUTSIDE:
         return "Look where the rest lies, below; no effect of the catalogue was found for it."
@@ -155,6 +160,8 @@ def _to_do(diagnosis: Diagnosis) -> str:
         return "Log each command with the time at which it is sent, and diagnose again."
     if diagnosis.verdict.kind == NOT_IDENTIFIABLE or summary.not_asserted(diagnosis):
         return "Record a log with other commands: more amplitudes, speeds and reversals."
+    if not diagnosis.helps:
+        return "Fit what is held out as well and hold out other logs: the model hardly helps there."
     return f"{_use(diagnosis, '--out')}."
 
 
@@ -172,7 +179,7 @@ def _answer(diagnosis: Diagnosis) -> Section:
     return Section(
         ANSWER,
         items=log_notes(diagnosis.logs),
-        tables=(tables.gap(diagnosis),),
+        tables=(tables.held_out(diagnosis), tables.gap(diagnosis)),
         pictures=pictures.responses(diagnosis)[:2],
         live=_panel(diagnosis),
     )
@@ -204,10 +211,9 @@ def _panel(diagnosis: Diagnosis) -> Live | None:
 def _errors(diagnosis: Diagnosis) -> Section:
     return Section(
         ERRORS,
-        "RMS errors. Those of the gap are of stretches of time that the fit has not seen, with"
-        " 95 % intervals over the stretches.",
+        f"RMS errors. Those of the gap are on {summary.BLOCKS}, with 95 % intervals over them.",
         items=lag_sentences(diagnosis.logs, diagnosis.model.plant),
-        tables=(tables.unmodelled(diagnosis), tables.fmu(diagnosis), tables.held_out(diagnosis)),
+        tables=(tables.unmodelled(diagnosis), tables.fmu(diagnosis)),
         pictures=pictures.responses(diagnosis)[2:],
         folded=True,
     )
@@ -227,8 +233,8 @@ def _where(diagnosis: Diagnosis) -> Section:
     return Section(
         WHERE,
         "RMS errors in noise floors, and above each pair of bars the share of the squared error,"
-        " before and after. Errors after are of stretches that no fit has seen, but for those by"
-        " block of the model.",
+        f" before and after. Errors after are on {summary.BLOCKS}, but for those by block of the"
+        " model.",
         tables=(tables.places(diagnosis), *(tables.place(one) for one in diagnosis.localisation)),
         pictures=tuple(pictures.place(one) for one in diagnosis.localisation if len(one.bins) > 1),
         folded=True,
@@ -243,8 +249,8 @@ def _shape(diagnosis: Diagnosis) -> Section:
     return Section(
         SHAPE,
         f"{found.sentence[0].upper()}{found.sentence[1:]}. It was learnt from the errors that the"
-        f" diagnosed model leaves: {number(found.before, 3)} noise floors on stretches that no fit"
-        f" has seen, {number(found.after, 3)} with it. It takes any form, so it speaks for no"
+        f" diagnosed model leaves: {number(found.before, 3)} noise floors on {summary.BLOCKS},"
+        f" {number(found.after, 3)} with it. It takes any form, so it speaks for no"
         " effect and against none. What the parameters"
         f"{' and ' + listed(beside) if beside else ''} can do as well, such as a straight"
         " line of the rate, is in them.",
@@ -263,7 +269,7 @@ def _effects(diagnosis: Diagnosis) -> Section:
     return Section(
         EFFECTS,
         "Every effect was switched on and fitted, with the nominal parameters free inside their"
-        " uncertainty; what counts is the error on stretches that the fit has not seen. The set is"
+        " uncertainty; what counts is the error on the blocks that each fit left out. The set is"
         f" meant to hold a cause of the catalogue with {percent(covered)} probability."
         f" {_likely(diagnosis)}{_refined(diagnosis)}",
         tables=(

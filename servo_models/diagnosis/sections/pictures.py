@@ -187,7 +187,7 @@ def _draw_fits(
         panel.vlines(best, row - 0.18, row + 0.22, color=colour("blue"), lw=0.8, ls=DOTTED)
     panel.set(xscale="log", xlim=(0.75 * min(1.0, best), 1.25 * edge), ylim=(count + 0.5, -0.75))
     panel.xaxis.set_major_formatter("{x:g}")
-    panel.set_xlabel("error on unseen stretches [noise floors]")
+    panel.set_xlabel("error on blocks left out [noise floors]")
     _without_scale(panel)
 
 

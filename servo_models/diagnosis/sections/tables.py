@@ -26,17 +26,9 @@ from servo_models.report.sections import Cell, Table
 FLOORS = "noise floors"
 
 
-def unit_of(diagnosis: Diagnosis, output: str) -> tuple[float, str]:
-    """Return the factor from SI to the unit in which errors of an output read best, and it."""
-    scale, unit = display(diagnosis.model.plant.wire[output])
-    (gap,) = (one for one in diagnosis.gaps if one.output == output)
-    factor, unit = prefix(scale * gap.rms["before"], unit)
-    return scale * factor, unit
-
-
 def error(diagnosis: Diagnosis, gap: Gap, value: float, digits: int = 3) -> Quantity:
     """Return an error [SI] of an output."""
-    scale, unit = unit_of(diagnosis, gap.output)
+    scale, unit = summary.unit_of(diagnosis, gap.output)
     return Quantity(scale * value, unit, digits=digits)
 
 
@@ -61,14 +53,14 @@ def _weight(weight: float) -> str:
 def gap(diagnosis: Diagnosis) -> Table:
     """Errors of every output, stage by stage."""
     return Table(
-        "Gap, RMS on stretches that no fit has seen",
+        f"Gap, RMS on {summary.BLOCKS}",
         ("output", *diagnosis.stages.values(), "noise floor", "closed"),
         tuple(_gap(diagnosis, one) for one in diagnosis.gaps),
     )
 
 
 def _gap(diagnosis: Diagnosis, gap: Gap) -> tuple[Cell, ...]:
-    scale, unit = unit_of(diagnosis, gap.output)
+    scale, unit = summary.unit_of(diagnosis, gap.output)
     figures = []
     for stage in diagnosis.stages:
         low, high = (scale * end for end in gap.intervals[stage])
@@ -103,26 +95,23 @@ def fmu(diagnosis: Diagnosis) -> Table:
 
 
 def held_out(diagnosis: Diagnosis) -> Table:
-    """Errors of logs with samples that no fit has seen."""
-    alone = [] if diagnosis.within_tolerance or not diagnosis.moved else ["parameters alone"]
+    """Errors of logs with samples that the description holds out."""
     rows = tuple(
         (
-            one.log,
-            *(_left(each) for each in ([one.retuned] if alone else []) + [one.after]),
+            *(one.log, output),
+            *(_left(diagnosis, output, getattr(errors, stage)) for stage in diagnosis.stages),
             "gets worse" if one.worse else "",
         )
         for one in diagnosis.held_out
+        for output, errors in one.outputs.items()
     )
-    name = "with effects" if diagnosis.selection.taken.effects else "diagnosed model"
-    return Table(
-        f"Held out by the description, RMS of all outputs in {FLOORS}",
-        ("log", *alone, name, ""),
-        rows,
-    )
+    columns = ("log", "output", *diagnosis.stages.values(), "")
+    return Table("Held out by the description, RMS", columns, rows)
 
 
-def _left(rms: float) -> Cell:
-    return "cannot be simulated" if math.isnan(rms) else Quantity(rms, digits=3)
+def _left(diagnosis: Diagnosis, output: str, rms: float) -> Cell:
+    scale, unit = summary.unit_of(diagnosis, output)
+    return "cannot be simulated" if math.isnan(rms) else Quantity(scale * rms, unit, digits=3)
 
 
 def curve(diagnosis: Diagnosis, one: Curve) -> Table:

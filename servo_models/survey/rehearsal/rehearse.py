@@ -19,6 +19,7 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from msgspec import field
 
+from servo_models.analysis.explain import shown_value
 from servo_models.analysis.statistics import rms
 from servo_models.core.plant import check_known
 from servo_models.core.types import Array
@@ -34,7 +35,7 @@ from servo_models.identification.fit import checked_logs
 from servo_models.identification.problem import prior_parameters
 from servo_models.identification.simulation import prepared
 from servo_models.report.document import Document, Figure, Magnitude, Share, about, choice
-from servo_models.report.numbers import plural
+from servo_models.report.numbers import listed, plural
 from servo_models.report.result import Result
 from servo_models.survey.engine import Worker, here, processes
 from servo_models.survey.plan import Tell
@@ -153,8 +154,9 @@ def rehearse(
         tell: is told what goes on.
 
     Raises:
-        UserError: an unknown effect or output; noise that nobody tells; gaps or jobs that are not
-            above 0; see ``read_description`` and ``identification.fit.checked_logs``.
+        UserError: an unknown output, or effect, or one that no diagnosis of these logs tries; noise
+            that nobody tells; gaps or jobs that are not above 0; see ``read_description`` and
+            ``identification.fit.checked_logs``.
 
     Example:
         >>> import servo_models as sm
@@ -168,8 +170,8 @@ def rehearse(
     told = tell or (lambda *_: None)
     arguments = (Path(description), trust, noise or {}, seed, time_limit)
     rig = Rig(*arguments)
-    check_known("effect", effects, rig.candidates, "effects")
     chosen = [*effects] or [*rig.candidates]
+    rig.check_tried(chosen)
     cases = [Case("", 0.0), *(Case(it, gap) for gap in sorted(gaps)[::-1] for it in chosen)]
     lasts = f"about {duration(len(cases) * rig.seconds / count)} on"
     told(0, None, f"{len(cases)} diagnoses to do, {lasts} {plural(count, 'processor')}")
@@ -244,6 +246,25 @@ class Rig:
                 )
             sensors[name] = sensor
         return sensors
+
+    def check_tried(self, effects: Iterable[str]) -> None:
+        """Raise UserError, with the reason, for an effect that no diagnosis of these logs tries."""
+        model, path = self.description.model, self.description.path
+        for name in (it for it in effects if it not in self.candidates):
+            check_known("effect", [name], {**self.candidates, **model.plant.placements})
+            link, every = model.plant.main(name), model.plant.parameters.values()
+            switches = [it for it in every if it.owner == name and it.param.switch]
+            on = {it.name: shown_value(it, v) for it in switches if (v := model.values[it.name])}
+            if on:
+                values = listed(f"{parameter} = {value}" for parameter, value in on.items())
+                off = listed(f"'{parameter} = 0'" for parameter in on)
+                why = f"it is on in the model ({values}), where it is a parameter; to rehearse it"
+                why += f" as an effect write {off} under [parameters] of '{path}'"
+            elif link.effect.hints.learnt:
+                why = "it is learnt from what a diagnosis leaves, and never tried: leave it out"
+            else:
+                why = f"'{link.on[0]}' has one value in all logs: let it change, or leave it out"
+            raise UserError(f"effect '{name}' cannot be rehearsed: {why}")
 
     @property
     def seconds(self) -> float:

@@ -234,18 +234,20 @@ class _Look:
     ) -> None:
         self.name, self.unit, self.limits = name, unit, limits
         self.reference, self.response = reference, response
-        self.sample = max(step, reference.sample)
+        self.step, self.sample = step, max(step, reference.sample)
         coarser = reference if reference.sample >= response.sample else response
         self.times = np.unique(coarser.times)
         self.right, self.got = reference.at(self.times), response.at(self.times)
-        self.curves = [reference, response]
-        if not reference.held:  # what is a step depends on how far points are apart
-            self.curves = [Trace(self.times, values) for values in (self.right, self.got)]
+        held = reference.held
+        # what is a step depends on how far points are apart; a pulse between two is on neither
+        self.curves = [Trace(self.times, values, held) for values in (self.right, self.got)]
+        self.partners = [reference, response] if held else self.curves
         window = self._window()
         self.low, self.high = reference.within(self.times, window)
         low, high = response.within(self.times, window)
         beyond = self.got - np.clip(self.got, self.low, self.high)
         left_out = np.clip(self.right, low, high) - self.right
+        left_out[self.times + window > self.times[-1]] = 0.0  # it may come after the run
         self.beyond = np.where(np.abs(left_out) > np.abs(beyond), left_out, beyond)
         self.worst = int(np.argmax(np.abs(self.beyond)))
         self.error = self.got - self.right
@@ -288,11 +290,11 @@ class _Look:
 
     def _events(self) -> Iterable[Measured]:
         """Steps of both curves, matched in order by direction."""
-        right, got = self.curves
-        self.matched = match(right.jumps(), got.jumps(LOOSE), self.times[-1])
-        self.extra = match(got.jumps(), right.jumps(LOOSE), self.times[-1]).missed
-        # a whole step if the reference has finer points
-        finer = self.reference.sample < 0.99 * self.sample
+        (right, got), (reference, response) = self.curves, self.partners
+        self.matched = match(right.jumps(), response.jumps(LOOSE), self.times[-1])
+        self.extra = match(got.jumps(), reference.jumps(LOOSE), self.times[-1]).missed
+        # a whole step or row if one of the two has finer points
+        finer = min(self.step, self.reference.sample) < 0.99 * self.sample
         share = STEP_LATE if finer else STEP_SHARE
         self.median_late = max(self.limits.time, share * self.sample)
         self.latest = self.limits.time + STEP_LATE * self.sample

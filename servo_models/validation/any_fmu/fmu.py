@@ -54,7 +54,6 @@ class AnyFmu(OpenFmu):
     """An FMU of FMI 2.0 or 3.0 for co-simulation, whoever made it."""
 
     strict = False  # most public FMUs break some rule, and run
-    cure = "write it again with the tool that made it"
 
     def __init__(self, path: str | Path, limits: Limits = LIMITS) -> None:
         """Unpack and read an FMU.

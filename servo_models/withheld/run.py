@@ -17,32 +17,25 @@ from __future__ import annotations
 
 import hashlib
 import json
-import multiprocessing
 import os
-import signal
 import subprocess
-import sys
 from collections.abc import Callable, Mapping
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict, dataclass, field
-from multiprocessing.connection import wait
+from functools import partial
 from pathlib import Path
-from threading import Thread
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
-import servo_models
+from servo_models.core.workers import python
 from servo_models.errors import UserError, did_you_mean
 from servo_models.files import being_written, write_whole
 from servo_models.report.interchange import conditions
 from servo_models.report.result import Result
-from studies.withheld.generator.cases import TIERS
-from studies.withheld.oracle import Diagnosed, Known, Question, ask_oracle, diagnose_case
-from studies.withheld.score import NOTHING, Cases, join
+from servo_models.survey.engine import Worker, here
+from servo_models.withheld.generator.cases import TIERS
+from servo_models.withheld.oracle import Diagnosed, Known, Question, ask_oracle, diagnose_case
+from servo_models.withheld.score import NOTHING, Cases, join
 
-if TYPE_CHECKING:
-    pass
-
+GENERATE = "from servo_models.withheld.generator.__main__ import main; sys.exit(main())"
 Tell = Callable[[int, int, str], None]
 """Called with cases done, cases in all, and what is being done."""
 Task = TypeVar("Task")
@@ -172,10 +165,14 @@ def sealed_cases(folder: Path, asked: Asked, tell: Tell) -> str:
     return seal
 
 
-def own_code() -> str:
-    """Return the SHA-256 of the code: what two versions say of cases must not be mixed."""
+def own_code(*beside: Path) -> str:
+    """Return the SHA-256 of the code: what two versions say of cases must not be mixed.
+
+    Args:
+        beside: folders with more code than the package.
+    """
     found = hashlib.sha256()
-    for package in (Path(servo_models.__file__).parent, Path(__file__).parents[1]):
+    for package in (Path(__file__).parents[1], *beside):
         for path in sorted(package.rglob("*.py")):
             found.update(path.relative_to(package).as_posix().encode() + b"\0" + path.read_bytes())
     return found.hexdigest()
@@ -187,12 +184,13 @@ def _listed(tiers: object) -> str:
 
 def _generated(folder: Path, asked: Asked, tell: Tell) -> str:
     """Let the generator write its cases; returns their seal."""
-    order = [sys.executable, "-m", "studies.withheld.generator", str(folder)]
-    order += ["--cases", str(asked.cases), "--seed", str(asked.seed)]
-    order += ["--tiers", ",".join(asked.tiers)]
+    order = python(GENERATE, str(folder), "--cases", str(asked.cases), "--seed", str(asked.seed))
     said = ""
     with subprocess.Popen(
-        order, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        [*order, "--tiers", ",".join(asked.tiers)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
     ) as process:
         assert process.stdout
         assert process.stderr
@@ -251,61 +249,38 @@ def work_through(
         tell: is told how many cases are done, and how many there are.
 
     Raises:
-        UserError: a process ended before its work, or a task failed; all others are kept.
+        UserError: tasks failed, or ended their process; all others are kept.
     """
     rows = _read(path)
-    left = {case: task for case, task in tasks.items() if case not in rows}
+    left = [item for item in tasks.items() if item[0] not in rows]
     tell(len(rows), len(tasks))
-    if not left:
-        return rows
-    failed: dict[str, Exception] = {}
-    processes = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(min(jobs, len(left)), processes, initializer=_be_quiet)
-    try:
-        with path.open("a", encoding="utf-8") as file:
-            begun = {pool.submit(do, task): case for case, task in left.items()}
-            for future in as_completed(begun):
-                try:
-                    row = future.result()
-                except BrokenProcessPool:
-                    raise
-                except Exception as error:  # the other cases go on
-                    failed[begun[future]] = error
-                    continue
-                rows[row["case"]] = row
-                file.write(json.dumps(row) + "\n")
-                file.flush()
-                tell(len(rows), len(tasks))
-    except BrokenProcessPool as error:
+    failed: dict[str, str] = {}
+    workers = [Worker(None, _failed, partial, _row, do) for _ in range(min(jobs, len(left)))]
+    with path.open("a", encoding="utf-8") as file:
+        for case, row in here(iter(left), workers) if left else ():
+            if isinstance(row, str):
+                failed[case] = row
+                continue
+            rows[row["case"]] = row
+            file.write(json.dumps(row) + "\n")
+            file.flush()
+            tell(len(rows), len(tasks))
+    for case, why in failed.items():
         raise UserError(
-            f"a process ended before its work after {len(rows)} cases: use fewer --jobs where"
-            " memory is short, and the same --folder to go on"
-        ) from error
-    finally:
-        pool.shutdown(cancel_futures=True)
-    for case, reason in failed.items():
-        raise UserError(
-            f"{len(failed)} of {len(tasks)} cases failed, case '{case}' with"
-            f" {type(reason).__name__}: {reason}; the others are in '{path}': mend that, and use"
-            " the same --folder to go on"
-        ) from reason
+            f"{len(failed)} of {len(tasks)} cases failed, case '{case}': {why}; the others are in"
+            f" '{path}': mend that, or use fewer --jobs where memory is short, and the same"
+            " --folder to go on"
+        )
     return rows
 
 
-def _be_quiet() -> None:
-    """Ctrl-C is for the process that waits: the others finish their case and end.
-
-    Where that process is killed they end at once, since nobody would keep what they find.
-    """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    Thread(target=_end_with_parent, daemon=True).start()
+def _row(do: Callable[[Task], Row], item: tuple[str, Task]) -> tuple[str, Row]:
+    """A case, in a process of its own."""
+    return item[0], do(item[1])
 
 
-def _end_with_parent() -> None:
-    parent = multiprocessing.parent_process()
-    assert parent
-    wait([parent.sentinel])
-    os._exit(1)
+def _failed(item: tuple[str, Task], why: str) -> tuple[str, str]:
+    return item[0], why
 
 
 def _read(path: Path) -> dict[str, Row]:

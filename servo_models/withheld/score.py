@@ -19,7 +19,7 @@ from msgspec import Meta
 from servo_models.diagnosis.settings import DEFAULT
 from servo_models.diagnosis.verdict import NO_GAP, NOT_IDENTIFIABLE, OUTSIDE, PARAMETERS
 from servo_models.report.document import Document, Figure
-from studies.withheld.oracle import FAILED, Diagnosed, Known
+from servo_models.withheld.oracle import FAILED, Diagnosed, Known
 
 NOTHING = "nothing"
 BINS = (0.0, 0.05, 0.5, 0.7, 0.9, 0.99, 1.0)

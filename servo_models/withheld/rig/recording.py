@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from studies.rig.laws import Array
+from servo_models.withheld.rig.laws import Array
 
 TIME = 'time = { column = "time_ms", unit = "ms" }'
 

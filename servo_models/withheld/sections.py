@@ -11,10 +11,10 @@ from servo_models.report.document import Digest, Document, about, choice, consta
 from servo_models.report.numbers import Quantity
 from servo_models.report.result import Report, document_of, report_of
 from servo_models.report.sections import Card, Cell, Mark, Section, Table
-from studies.withheld.generator.cases import KINDS, TIERS
-from studies.withheld.oracle import Diagnosed, Known
-from studies.withheld.run import Check
-from studies.withheld.score import (
+from servo_models.withheld.generator.cases import KINDS, TIERS
+from servo_models.withheld.oracle import Diagnosed, Known
+from servo_models.withheld.run import Check
+from servo_models.withheld.score import (
     FIGURES,
     Bin,
     Case,
@@ -215,9 +215,9 @@ class JudgedCase(Document, frozen=True):
 
 
 class CheckDocument(Document, frozen=True):
-    """Every figure is defined by the docstring of its function in studies/withheld/score.py;
-    separated and absorbed in studies/withheld/oracle.py. Errors are RMS in noise floors. null is a
-    figure that does not exist."""
+    """Every figure is defined by the docstring of its function in servo_models/withheld/score.py;
+    separated and absorbed in servo_models/withheld/oracle.py. Errors are RMS in noise floors. null
+    is a figure that does not exist."""
 
     title: ClassVar[str] = f"servo-models blind --json, schema_version {VERSION}"
 

@@ -22,9 +22,8 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from studies.rig.laws import Array, chirp_turns, triangle
-from studies.withheld.generator.causes import CATALOGUE, FOREIGN, Cause, Drawn, draw
-from studies.withheld.generator.faults import (
+from servo_models.withheld.generator.causes import CATALOGUE, FOREIGN, Cause, Drawn, draw
+from servo_models.withheld.generator.faults import (
     ARRIVAL,
     COARSE,
     COMMAND_STEP,
@@ -37,8 +36,9 @@ from studies.withheld.generator.faults import (
     logged,
     with_glitches,
 )
-from studies.withheld.generator.rigs import LOAD, RIGS, Rig
-from studies.withheld.generator.simulation import Experiment, Plan
+from servo_models.withheld.generator.rigs import LOAD, RIGS, Rig
+from servo_models.withheld.generator.simulation import Experiment, Plan
+from servo_models.withheld.rig.laws import Array, chirp_turns, triangle
 
 EASY, HARD, POOR, ROUGH = TIERS = ("easy", "hard", "poor", "rough")
 CLEAN = (EASY, HARD, POOR)

@@ -13,9 +13,9 @@ import argparse
 import sys
 from pathlib import Path
 
-from studies.withheld.generator.cases import CLEAN, KINDS, TIERS
-from studies.withheld.generator.causes import CATALOGUE
-from studies.withheld.generator.files import generate
+from servo_models.withheld.generator.cases import CLEAN, KINDS, TIERS
+from servo_models.withheld.generator.causes import CATALOGUE
+from servo_models.withheld.generator.files import generate
 
 
 def main() -> int:

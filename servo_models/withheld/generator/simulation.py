@@ -25,8 +25,24 @@ from typing import NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from studies.rig.laws import Array, clip, code_of, coded, compiled, dead, duty, pressed
-from studies.withheld.generator.rigs import ANGLE_LOOP, CURRENT, FIRMWARE, SPEED_LOOP, VOLTAGE, Rig
+from servo_models.withheld.generator.rigs import (
+    ANGLE_LOOP,
+    CURRENT,
+    FIRMWARE,
+    SPEED_LOOP,
+    VOLTAGE,
+    Rig,
+)
+from servo_models.withheld.rig.laws import (
+    Array,
+    clip,
+    code_of,
+    coded,
+    compiled,
+    dead,
+    duty,
+    pressed,
+)
 
 
 class Loop(NamedTuple):

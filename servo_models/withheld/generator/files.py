@@ -22,10 +22,10 @@ from typing import Any
 
 import numpy as np
 
-from studies.rig.laws import Array
-from studies.rig.recording import TIME, column, csv, description
-from studies.withheld.generator.cases import CLEAN, KINDS, Acting, Case, draw_case, is_asked
-from studies.withheld.generator.rigs import LOAD, Rig, Signal
+from servo_models.withheld.generator.cases import CLEAN, KINDS, Acting, Case, draw_case, is_asked
+from servo_models.withheld.generator.rigs import LOAD, Rig, Signal
+from servo_models.withheld.rig.laws import Array
+from servo_models.withheld.rig.recording import TIME, column, csv, description
 
 VERSION = 1
 DIGITS = 4  # digits of a printed reading below its noise

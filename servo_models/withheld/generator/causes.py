@@ -30,7 +30,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from studies.withheld.generator.rigs import Rig
+from servo_models.withheld.generator.rigs import Rig
 
 
 @dataclass(frozen=True)

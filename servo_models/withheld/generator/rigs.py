@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from studies.rig.laws import CODE
+from servo_models.withheld.rig.laws import CODE
 
 Values = Mapping[str, float]
 

@@ -14,8 +14,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from studies.rig.laws import Array
-from studies.withheld.generator.simulation import Plan
+from servo_models.withheld.generator.simulation import Plan
+from servo_models.withheld.rig.laws import Array
 
 UNEVEN, DROPPED, COARSE, ARRIVAL, GLITCHES, PRIOR = FAULTS = (
     "uneven",
