@@ -3,7 +3,8 @@
     python -m studies withheld.generator CASES --cases 300 --seed 20265001
     python -m studies mistakes CASES --out found.jsonl            # resumable; then the table
     python -m studies mistakes CASES --out found.jsonl --only swapped --show
-    python -m studies mistakes CASES --out found.jsonl --clean    # the same logs as they are
+    python -m studies mistakes CASES --out found.jsonl --clean 300 # the same logs as they are
+    python -m studies mistakes CASES --out led.jsonl --leads      # does diagnose begin with it?
     python -m studies mistakes REAL --out real.jsonl --each 9 --lay-out \
         examples/real_logs/diagnosis/{xl330,so101_rotation,sg90_video}.toml
 
@@ -29,6 +30,7 @@ import numpy as np
 
 from servo_models.core.types import Array
 from servo_models.data.description import read_description
+from servo_models.diagnosis.diagnose import diagnose
 from servo_models.errors import UserError
 from servo_models.files import scratch
 from servo_models.identification.check import check
@@ -549,6 +551,17 @@ def said(rig: Rig) -> list[str]:
         return [*found.warnings, *notes]
 
 
+def led(rig: Rig) -> str:
+    """What ``diagnose`` leads with: the mistake, or why it is refused; "" for an effect."""
+    with scratch() as folder, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        path = rig.write(folder)
+        try:
+            return diagnose(path, jobs=1).mistake
+        except UserError as error:
+            return str(error).replace(str(folder), "")
+
+
 def numberless(text: str) -> str:
     """A sentence without its figures, which a mistake moves a little."""
     return re.sub(r"[-+]?\d+(\.\d+)?(e[-+]?\d+)?", "#", text)
@@ -562,7 +575,7 @@ def made(rig: Rig, mistake: Mistake, seed: int) -> Rig:
     return copy
 
 
-def work(cases: Path, out: Path, each: int, only: str, clean: int) -> None:
+def work(cases: Path, out: Path, each: int, only: str, clean: int, leads: bool) -> None:
     """Append what is said of each mistake in ``each`` rigs, and of clean logs."""
     done = {(row["mistake"], row["case"]) for row in read(out)}
     every = list(rigs(cases))
@@ -577,10 +590,16 @@ def work(cases: Path, out: Path, each: int, only: str, clean: int) -> None:
                 texts = said(made(rig, mistake, int(case)))
                 before = {numberless(text) for text in said(rig)}
                 new = [text for text in texts if numberless(text) not in before]
-                add(out, {"mistake": name, "case": case, "said": new})
+                row = {"mistake": name, "case": case, "said": new}
+                if leads and judged(row) == "named":
+                    row["led"] = led(made(rig, mistake, int(case)))
+                add(out, row)
     for case, rig in every[:clean]:
         if ("", case) not in done:
-            add(out, {"mistake": "", "case": case, "said": said(rig)})
+            row = {"mistake": "", "case": case, "said": said(rig)}
+            if leads and row["said"]:
+                row["led"] = led(rig)
+            add(out, row)
 
 
 def add(path: Path, row: Row) -> None:
@@ -614,8 +633,10 @@ def table(rows: list[Row]) -> Iterator[str]:
     yield ""
     for word in ("named", "misleading", "silent"):
         yield f"{word}: {_share(judged(row) == word for row in made_in)}"
-    clean = [bool(row["said"]) for row in rows if not row["mistake"]]
-    yield f"clean logs accused: {_share(clean)}"
+    yield f"diagnose leads with what is named: {_share(bool(it['led']) for it in made_in if 'led' in it)}"
+    clean = [row for row in rows if not row["mistake"]]
+    yield f"clean logs accused: {_share(bool(row['said']) for row in clean)}"
+    yield f"clean logs that diagnose leads with: {_share(bool(row.get('led')) for row in clean)}"
 
 
 def _share(flags: Iterable[bool]) -> str:
@@ -637,11 +658,12 @@ def main() -> int:
         "--lay-out", type=Path, nargs="+", default=(), metavar="TOML", help="cases of real logs"
     )
     parser.add_argument("--only", default="", choices=("", *MISTAKES), help="one mistake")
+    parser.add_argument("--leads", action="store_true", help="diagnose what is named as well")
     parser.add_argument("--show", action="store_true", help="what was said")
     given = parser.parse_args()
     for description in given.lay_out:
         lay_out(description, given.cases)
-    work(given.cases, given.out, given.each, given.only, given.clean)
+    work(given.cases, given.out, given.each, given.only, given.clean, given.leads)
     rows = [row for row in read(given.out) if given.only in ("", row["mistake"])]
     for row in rows if given.show else ():
         verdict = judged(row) if row["mistake"] else "clean"

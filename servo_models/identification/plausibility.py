@@ -586,8 +586,15 @@ def tried(told: Description, asked: Sequence[Audit], workers: Workers = ALONE) -
 def likely(
     told: Description, asked: Sequence[Audit], workers: Workers = ALONE
 ) -> tuple[Audit, ...]:
-    """Audits without the mistakes that explain nothing: the logs are no better read otherwise."""
-    errors = tried(told, asked, workers)
+    """Audits without what is asked of a whole column though the logs are no better read otherwise.
+
+    What is asked of single rows stays: without them nothing says how well they would fit.
+    """
+
+    def of_columns(audit: Audit) -> tuple[Mistake, ...]:
+        return tuple(it for it in audit.mistakes if it.everywhere)
+
+    errors = tried(told, [replace(it, mistakes=of_columns(it)) for it in asked], workers)
     if not errors:
         return tuple(asked)
     most = FAR_BETTER * retuned(told, told.logs, workers)
