@@ -633,7 +633,8 @@ def table(rows: list[Row]) -> Iterator[str]:
     yield ""
     for word in ("named", "misleading", "silent"):
         yield f"{word}: {_share(judged(row) == word for row in made_in)}"
-    yield f"diagnose leads with what is named: {_share(bool(it['led']) for it in made_in if 'led' in it)}"
+    tried = [bool(row["led"]) for row in made_in if "led" in row]
+    yield f"diagnose leads with what is named: {_share(tried)}"
     clean = [row for row in rows if not row["mistake"]]
     yield f"clean logs accused: {_share(bool(row['said']) for row in clean)}"
     yield f"clean logs that diagnose leads with: {_share(bool(row.get('led')) for row in clean)}"
