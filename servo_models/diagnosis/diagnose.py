@@ -10,7 +10,7 @@ from pathlib import Path
 from servo_models.core.plant import check_known
 from servo_models.core.stop import Stop
 from servo_models.core.workers import Workers
-from servo_models.data.audit import LEAST_GAP, Audit, noise_floors, noise_origins
+from servo_models.data.audit import LEAST_GAP, Audit, audits, noise_floors, noise_origins
 from servo_models.data.description import Description, read_description
 from servo_models.diagnosis import confirm
 from servo_models.diagnosis.gap import gaps, whole_gap
@@ -18,14 +18,21 @@ from servo_models.diagnosis.preconditions import check_duration, without_flags
 from servo_models.diagnosis.ranking import estimates, probabilities, ranked_effects
 from servo_models.diagnosis.residual_map import learn
 from servo_models.diagnosis.result import Diagnosis
-from servo_models.diagnosis.search.fitting import Fitter
-from servo_models.diagnosis.search.selection import Selection, Tell, select_effects
+from servo_models.diagnosis.search.fitting import FittedModel, Fitter
+from servo_models.diagnosis.search.selection import Tell, select_effects
 from servo_models.diagnosis.settings import DEFAULT, Settings
 from servo_models.diagnosis.stretches import Part, contradicted, held_out_scores, unlike_parts
 from servo_models.diagnosis.verdict import OUTSIDE, decide
 from servo_models.errors import UserError
 from servo_models.identification.fit import checked_logs
-from servo_models.identification.plausibility import FAR_BETTER, error, likely, questions, tried
+from servo_models.identification.plausibility import (
+    FAR_BETTER,
+    error,
+    likely,
+    mended,
+    questions,
+    tried,
+)
 from servo_models.identification.problem import prior_parameters
 from servo_models.identification.simulation import InternalSteps
 
@@ -103,18 +110,43 @@ def diagnose(
     return diagnosis.without_next(stop.why)
 
 
-def _mistake(told: Description, asked: Sequence[Audit], selection: Selection) -> str:
-    """Which log is surely not what was measured: read otherwise, re-tuned parameters alone leave
-    far less of it than the best effects do of it as it stands."""
-    best = selection.taken.problem
-    vector = selection.taken.evidence.vector
-    most = FAR_BETTER * error(best.responses(vector), best.logs)
-    likely = {it: left for it, left in tried(told, asked, best.workers).items() if left <= most}
-    if not likely:
+def _fitter(
+    told: Description, floors: dict[str, float], workers: Workers, stop: Stop, settings: Settings
+) -> Fitter:
+    return Fitter(
+        told.model,
+        told.logs,
+        prior_parameters(told),
+        floors,
+        workers,
+        steps=InternalSteps(told.model, floors, stop),
+        settings=settings,
+        wide=prior_parameters(told, settings.wider_prior),
+    )
+
+
+def _mistake(
+    told: Description, asked: Sequence[Audit], fitter: Fitter, best: FittedModel, stop: Stop
+) -> str:
+    """Which log is surely not what was measured: read otherwise, it is explained far better than by
+    the best effects as it stands."""
+    most = FAR_BETTER * _error(best)
+    errors = tried(told, asked, fitter.workers)
+    if not errors:
         return ""
-    mistake = min(likely, key=likely.__getitem__)
-    (log, *_) = (it.log.name for it in asked if mistake in it.mistakes)
-    return f"log '{log}': {mistake}"
+    mistake = min(errors, key=errors.__getitem__)
+    (log, *_) = (it.log for it in asked if mistake in it.mistakes)
+    if errors[mistake] > most:  # with its best effects as well
+        right = replace(told, logs=tuple(mended(told.logs, log, mistake)))
+        floors = noise_floors(audits(right.logs, told.model.plant))
+        again = _fitter(right, floors, fitter.workers, stop, fitter.settings)
+        if _error(select_effects(again).taken) > most:
+            return ""
+    return f"log '{log.name}': {mistake}"
+
+
+def _error(model: FittedModel) -> float:
+    return error(model.problem.responses(model.evidence.vector), model.problem.logs)
 
 
 def _confirmed(diagnosis: Diagnosis, tell: Tell | None) -> Diagnosis:
@@ -141,17 +173,7 @@ def _diagnose(
 ) -> Diagnosis:
     audited = likely(told, questions(told), workers)
     floors, origins = noise_floors(audited), noise_origins(audited)
-    steps = InternalSteps(told.model, floors, stop)
-    fitter = Fitter(
-        told.model,
-        told.logs,
-        prior_parameters(told),
-        floors,
-        workers,
-        steps=steps,
-        settings=settings,
-        wide=prior_parameters(told, settings.wider_prior),
-    )
+    fitter = _fitter(told, floors, workers, stop, settings)
     selection = select_effects(fitter, left_out, tell, tolerance)
     verdict = decide(selection, tolerance)
     parts: tuple[Part, ...] = ()
@@ -172,7 +194,7 @@ def _diagnose(
     shaped = verdict.kind == OUTSIDE and verdict.locked.follows and not parts
     learns = shaped and not stop.passed
     is_left = selection.taken.evidence.rms > tolerance and not stop.passed
-    mistake = _mistake(told, audited, selection) if is_left else ""
+    mistake = _mistake(told, audited, fitter, selection.taken, stop) if is_left else ""
     usual = not mistake and not fitter.between_rows
     held_out = held_out_scores(selection)
     worse = contradicted(held_out, settings.least_gain)

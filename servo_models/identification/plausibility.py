@@ -576,7 +576,7 @@ def questions(told: Description) -> tuple[Audit, ...]:
 def tried(told: Description, asked: Sequence[Audit], workers: Workers = ALONE) -> Tried:
     """Try every mistake of which another reading is known."""
     return {
-        mistake: retuned(told, _mended(told.logs, log, mistake), workers)
+        mistake: retuned(told, mended(told.logs, log, mistake), workers)
         for log, audit in zip(told.logs, asked)
         for mistake in audit.mistakes
         if mistake.mended
@@ -604,7 +604,7 @@ def likely(
     )
 
 
-def _mended(logs: Sequence[Log], of: Log, mistake: Mistake) -> list[Log]:
+def mended(logs: Sequence[Log], of: Log, mistake: Mistake) -> list[Log]:
     """The logs as they would be right: all that read the columns alike, or this one alone."""
 
     def alike(log: Log) -> bool:
