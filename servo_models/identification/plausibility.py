@@ -58,6 +58,7 @@ MOST_LOAD = 5.0  # full scales of a constant load: several times what stalls the
 MOST_PRIOR = 3.0  # standard deviation over a positive value: more says less than no prior
 MOST_INTERVAL = 2.0  # sampling interval over the response time: longer ones show only the end
 LEAST_DURATION = 0.1  # duration of a log over the response time
+NO_BETTER = 0.8  # error of logs as they would be right over that as they stand, if nothing is asked
 FAR_BETTER = 0.5  # error of logs as they would be right over that as they stand, at most
 COST_TOLERANCE = 1e-3  # relative decrease of the cost that ends a trial
 MOST_STEPS = 5  # of a trial
@@ -597,7 +598,7 @@ def likely(
     errors = tried(told, [replace(it, mistakes=of_columns(it)) for it in asked], workers)
     if not errors:
         return tuple(asked)
-    most = FAR_BETTER * retuned(told, told.logs, workers)
+    most = NO_BETTER * retuned(told, told.logs, workers)
     return tuple(
         replace(it, mistakes=tuple(m for m in it.mistakes if errors.get(m, 0.0) <= most))
         for it in asked
