@@ -316,6 +316,11 @@ class Hints:
         return tuple(it for it in (self.count, *(one.count for one in self.harmonics)) if it)
 
     @property
+    def named(self) -> set[str]:
+        """Parameters whose sizes ``says`` tells."""
+        return {name for _, name, *_ in Formatter().parse(self.says) if name} - {"wire"}
+
+    @property
     def not_at_first(self) -> set[str]:
         """Parameters that are no part of the search for the effect."""
         further = (name for it in self.harmonics for name in (it.share, it.count, it.phase))
@@ -525,11 +530,10 @@ def _check_hints(made: Block, hints: Hints) -> None:
     """Refuse hints of parameters, memories or groups that are not the effect's own."""
     params = {name for block in (made, *made.parts) for name in block.params}
     asked = {*hints.not_at_first, hints.jump, hints.phase, hints.count, hints.inertia} - {""}
-    told = {name for _, name, *_ in Formatter().parse(hints.says) if name} - {"wire"}
-    asked |= told
-    if told & hints.not_at_first:
+    asked |= hints.named
+    if hidden := hints.named & hints.not_at_first:
         raise ValueError(
-            f"effect '{made.name}' says the size of '{min(told & hints.not_at_first)}', which is"
+            f"effect '{made.name}' says the size of '{min(hidden)}', which is"
             " never searched for: say that of another parameter"
         )
     memories = set[str]()

@@ -35,7 +35,9 @@ UNDETERMINED = 0.5  # standard error over a parameter's size from which a log do
 PRIOR_ONLY = 0.8  # standard error over the prior from which a log says nothing about a parameter
 FAR = 3.0  # way from the prior [standard deviations] from which an estimate has gone too far
 
-ON_LOW, ON_HIGH = "on its low bound", "on its high bound"
+STATED_ERRORS = 3.0  # standard errors beyond which a size, or what a value moved by, is stated
+
+ON_LOW, ON_HIGH = BOUNDS = "on its low bound", "on its high bound"
 FROM_PRIOR = "from its prior only"
 PULLED = "pulled off its prior"
 NOT_DETERMINED = "not determined"
@@ -98,10 +100,21 @@ def is_far(free: Free, value: float) -> bool:
     return abs(free.moved(value)) > FAR_DEVIATIONS
 
 
-def surprise(parameter: Parameter, nominal: float, value: float) -> str:
+def is_stated(distance: float, error: float) -> bool:
+    """Return whether a sentence states a size, or a value that moved by so much; on a bound, where
+    the standard error is NaN, it does and says so."""
+    return not abs(distance) <= STATED_ERRORS * error
+
+
+def bounded(text: str, doubtful: str) -> str:
+    """Return the text of a value with the bound on which it is, if it is ``doubtful`` for that."""
+    return f"{text} ({doubtful})" if doubtful in BOUNDS else text
+
+
+def surprise(parameter: Parameter, nominal: float, value: float, doubtful: str) -> str:
     """Return "'a' is 30 ms, not 5 ms", of values in SI."""
     now, was = (with_display(parameter, it) for it in (value, nominal))
-    return f"'{parameter.name}' is {now}, not {was}"
+    return f"'{parameter.name}' is {bounded(now, doubtful)}, not {was}"
 
 
 def with_display(parameter: Parameter, value: float) -> str:

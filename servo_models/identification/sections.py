@@ -27,7 +27,14 @@ from servo_models.data.sensor import Floor
 from servo_models.errors import UserError
 from servo_models.identification import document
 from servo_models.identification.check import NOTHING, ROUGHLY, WELL, Check, verdict
-from servo_models.identification.doubts import correlated, doubt, is_far, judged, surprise
+from servo_models.identification.doubts import (
+    correlated,
+    doubt,
+    is_far,
+    is_stated,
+    judged,
+    surprise,
+)
 from servo_models.identification.identifiability import SHOWN, Detectability, Group
 from servo_models.identification.identify import Outcome
 from servo_models.identification.live import MOVE, live_logs
@@ -161,10 +168,11 @@ def _sentence(fit: Identification) -> str:
 
 def _surprises(fit: Identification) -> list[str]:
     """Which values are far from what was believed."""
+    known = fit.fitted.plant.parameters
     return [
-        surprise(fit.fitted.plant.parameters[free.name], free.nominal, value)
-        for free, value in zip(fit.free, fit.values.tolist())
-        if is_far(free, value)
+        surprise(known[free.name], free.nominal, value, doubt(free, value, error))
+        for free, value, error in zip(fit.free, fit.values.tolist(), fit.standard_errors.tolist())
+        if is_far(free, value) and is_stated(value - free.nominal, error)
     ]
 
 
