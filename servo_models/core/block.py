@@ -287,6 +287,7 @@ class Hints:
         family: word that it shares with effects that can replace each other, such as "friction".
         learnt: it has whatever form a log shows, so it is never searched for as a cause.
         says: what it does with its size, in a clause: its parameters in braces, and ``{wire}``.
+        limited: signals whose readings never exceed its switch in magnitude, "" for its wire.
         bench: what a person does so that it is surely not there, wherever it is placed.
     """
 
@@ -308,6 +309,7 @@ class Hints:
     family: str = ""
     learnt: bool = False
     says: str = ""
+    limited: tuple[str, ...] = ()
     bench: tuple[Bench, ...] = ()
 
     @property
