@@ -95,9 +95,10 @@ def _wild(fit: Identification, name: str) -> str:
     return ", ".join(logs[i] for i in largest[:NAMED]) if share > WILD_SQUARES else ""
 
 
-def is_far(free: Free, value: float) -> bool:
-    """Return whether a value [SI] is further from the nominal one than was believed."""
-    return abs(free.moved(value)) > FAR_DEVIATIONS
+def is_far(free: Free, value: float, error: float = 0.0) -> bool:
+    """Return whether a value [SI] is further from the nominal one than was believed, and known to
+    be."""
+    return abs(free.moved(value)) > FAR_DEVIATIONS and is_stated(value - free.nominal, error)
 
 
 def is_stated(distance: float, error: float) -> bool:

@@ -27,14 +27,7 @@ from servo_models.data.sensor import Floor
 from servo_models.errors import UserError
 from servo_models.identification import document
 from servo_models.identification.check import NOTHING, ROUGHLY, WELL, Check, verdict
-from servo_models.identification.doubts import (
-    correlated,
-    doubt,
-    is_far,
-    is_stated,
-    judged,
-    surprise,
-)
+from servo_models.identification.doubts import correlated, doubt, is_far, judged, surprise
 from servo_models.identification.identifiability import SHOWN, Detectability, Group
 from servo_models.identification.identify import Outcome
 from servo_models.identification.live import MOVE, live_logs
@@ -172,7 +165,7 @@ def _surprises(fit: Identification) -> list[str]:
     return [
         surprise(known[free.name], free.nominal, value, doubt(free, value, error))
         for free, value, error in zip(fit.free, fit.values.tolist(), fit.standard_errors.tolist())
-        if is_far(free, value) and is_stated(value - free.nominal, error)
+        if is_far(free, value, error)
     ]
 
 

@@ -178,9 +178,7 @@ def _worst(survey: Survey) -> Table:
 
 def _causes(it: Outcome) -> str:
     """Its effects with their sizes; what is nearest to an unknown cause is told as that."""
-    every = (
-        f"{one.effect} {_known(one.sizes[0])}" if one.sizes else one.effect for one in it.taken
-    )
+    every = (" ".join([one.effect, *map(_known, one.sizes[:1])]) for one in it.taken)
     return "nearest: " * (it.verdict == OUTSIDE and bool(it.taken)) + ", ".join(every)
 
 

@@ -12,7 +12,7 @@ from servo_models.diagnosis.ranking import RankedEffect, Value
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.sections import pictures, tables
 from servo_models.diagnosis.verdict import NOT_IDENTIFIABLE, OUTSIDE, PARAMETERS
-from servo_models.identification.doubts import BOUNDS, is_stated
+from servo_models.identification.doubts import is_stated
 from servo_models.identification.live import MOVE, live_logs
 from servo_models.identification.readings import log_facts, log_notes, words
 from servo_models.report.interchange import conditions
@@ -109,21 +109,18 @@ def _cause(diagnosis: Diagnosis, effect: RankedEffect) -> str:
 
 
 def _told(diagnosis: Diagnosis, effect: RankedEffect) -> str:
-    """What an effect does with its sizes, as far as these are known, and which are on a bound."""
-    values = {value.name.rpartition(".")[2]: value for value in effect.parameters}
+    """What an effect does with its sizes, where these are known."""
     sizes = {
-        key: tables.told(diagnosis, value)
-        for key, value in values.items()
+        value.name.rpartition(".")[2]: tables.told(diagnosis, value)
+        for value in effect.parameters
         if is_stated(value.value, value.standard_error)
     }
     hints = diagnosis.model.plant.main(effect.name).effect.hints
-    said = [f"{key} {size}" for key, size in sizes.items()]
-    if hints.says:
-        is_known = hints.named <= sizes.keys()
-        said = [hints.says.format(wire=words(effect.wire), **sizes) if is_known else SIZE_UNKNOWN]
-        others = (it for key, it in values.items() if key not in hints.named)
-        said += [f"'{it.name}' is {it.doubt}" for it in others if it.doubt in BOUNDS]
-    return ", ".join(said or [SIZE_UNKNOWN])
+    if not hints.named <= sizes.keys():
+        return SIZE_UNKNOWN
+    listed_sizes = ", ".join(f"{key} {size}" for key, size in sizes.items())
+    told = hints.says.format(wire=words(effect.wire), **sizes)
+    return told or listed_sizes or SIZE_UNKNOWN
 
 
 def _moved(diagnosis: Diagnosis, value: Value) -> str:
