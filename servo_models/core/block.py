@@ -287,6 +287,7 @@ class Hints:
         family: word that it shares with effects that can replace each other, such as "friction".
         learnt: it has whatever form a log shows, so it is never searched for as a cause.
         says: what it does with its size, in a clause: its parameters in braces, and ``{wire}``.
+        limited: signals whose readings never exceed its switch in magnitude, "" for its wire.
         bench: what a person does so that it is surely not there, wherever it is placed.
     """
 
@@ -308,12 +309,18 @@ class Hints:
     family: str = ""
     learnt: bool = False
     says: str = ""
+    limited: tuple[str, ...] = ()
     bench: tuple[Bench, ...] = ()
 
     @property
     def counts(self) -> tuple[str, ...]:
         """Parameters that say how many periods a sine has in a turn."""
         return tuple(it for it in (self.count, *(one.count for one in self.harmonics)) if it)
+
+    @property
+    def named(self) -> set[str]:
+        """Parameters whose sizes ``says`` tells."""
+        return {name for _, name, *_ in Formatter().parse(self.says) if name} - {"wire"}
 
     @property
     def not_at_first(self) -> set[str]:
@@ -525,11 +532,10 @@ def _check_hints(made: Block, hints: Hints) -> None:
     """Refuse hints of parameters, memories or groups that are not the effect's own."""
     params = {name for block in (made, *made.parts) for name in block.params}
     asked = {*hints.not_at_first, hints.jump, hints.phase, hints.count, hints.inertia} - {""}
-    told = {name for _, name, *_ in Formatter().parse(hints.says) if name} - {"wire"}
-    asked |= told
-    if told & hints.not_at_first:
+    asked |= hints.named
+    if hidden := hints.named & hints.not_at_first:
         raise ValueError(
-            f"effect '{made.name}' says the size of '{min(told & hints.not_at_first)}', which is"
+            f"effect '{made.name}' says the size of '{min(hidden)}', which is"
             " never searched for: say that of another parameter"
         )
     memories = set[str]()

@@ -186,7 +186,6 @@ def _parameter(diagnosis: Diagnosis, value: Value) -> schema.Parameter:
         _value(diagnosis, value),
         retuned=retuned.get(value.name),
         prior_deviations=summary.moves(diagnosis).get(value.name),
-        doubt=summary.doubts(diagnosis).get(value.name, ""),
     )
 
 

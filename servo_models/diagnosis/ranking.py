@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import numpy as np
-
-from servo_models.core.types import Array
 from servo_models.diagnosis.calibration import calibrated, doubtful
 from servo_models.diagnosis.search.crossval import closed
 from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.diagnosis.search.selection import Selection
 from servo_models.diagnosis.signatures import Signature, signature
 from servo_models.diagnosis.verdict import EFFECT, EFFECTS, Verdict
+from servo_models.identification.doubts import doubt
 
 NOTHING_ERRORS = 2.0  # standard errors from nothing up to which a size may be nothing
 
 
 @dataclass(frozen=True)
 class Value:
-    """A parameter [SI] with its standard error, and its value before.
+    """A parameter [SI] with its standard error, its value before, and why it is doubtful, if it is.
 
     The standard error is NaN on a bound, infinite where logs do not tell or nobody has asked.
     """
@@ -29,6 +28,7 @@ class Value:
     nominal: float
     value: float
     standard_error: float
+    doubt: str = ""
 
 
 @dataclass(frozen=True)
@@ -126,10 +126,7 @@ def _ranked_effect(
 ) -> RankedEffect:
     model = fitted_model.problem.model
     matters = fitted_model is selection.taken or fitted_model in verdict.rivals
-    if matters:
-        values = estimates(fitted_model)
-    else:  # nobody has fitted it to the end: what slopes would say is not worth their simulations
-        values = _values(fitted_model, np.full(len(fitted_model.problem.free), np.inf))
+    values = estimates(fitted_model, matters)
     after = fitted_model.evidence.rms
     return RankedEffect(
         name=name,
@@ -148,16 +145,16 @@ def _ranked_effect(
     )
 
 
-def estimates(fitted_model: FittedModel) -> tuple[Value, ...]:
-    """Return every free parameter of a fitted model with its standard error."""
-    if not fitted_model.problem.free:
-        return ()
-    return _values(fitted_model, fitted_model.spread.standard_errors)
+def estimates(fitted_model: FittedModel, asked: bool = True) -> tuple[Value, ...]:
+    """Return every free parameter of a fitted model, with its standard error if that is asked.
 
-
-def _values(fitted_model: FittedModel, errors: Array) -> tuple[Value, ...]:
-    free, values = fitted_model.problem.free, fitted_model.values.values()
+    Of a fit that nobody has taken to the end it is not worth its simulations.
+    """
+    each = list(zip(fitted_model.problem.free, fitted_model.values.values()))
+    if not (each and asked):
+        return tuple(Value(one.name, one.nominal, value, math.inf) for one, value in each)
+    errors = fitted_model.spread.standard_errors.tolist()
     return tuple(
-        Value(one.name, one.nominal, value, error)
-        for one, value, error in zip(free, values, errors.tolist())
+        Value(one.name, one.nominal, value, error, doubt(one, value, error))
+        for (one, value), error in zip(each, errors)
     )

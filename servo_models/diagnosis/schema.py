@@ -116,6 +116,7 @@ class Value(Document, frozen=True):
     value: float
     standard_error: Figure
     unit: str
+    doubt: Annotated[str, about("Why its value is doubtful.")]
 
 
 class Parameter(Value, frozen=True):
@@ -124,7 +125,6 @@ class Parameter(Value, frozen=True):
 
     retuned: Figure
     prior_deviations: Annotated[Figure, about("How far it moved; null without a prior.")]
-    doubt: Annotated[str, about("Why its value is doubtful.")]
 
 
 class Detected(Document, frozen=True):

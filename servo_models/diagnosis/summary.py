@@ -26,7 +26,14 @@ from servo_models.diagnosis.verdict import (
     OUTSIDE,
     PARAMETERS,
 )
-from servo_models.identification.doubts import doubt, surprise, together, with_display
+from servo_models.identification.doubts import (
+    BOUNDS,
+    bounded,
+    is_stated,
+    surprise,
+    together,
+    with_display,
+)
 from servo_models.identification.resolution import shifted_outputs, supposed
 from servo_models.identification.simulation import false_starts
 from servo_models.report.numbers import listed, number, plural, prefix
@@ -183,7 +190,9 @@ def not_asserted(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict.kind not in (EFFECT, EFFECTS):
         return ""
     if unknown := undetermined(taken):
-        return f"these logs do not determine the size of {listed(unknown)}"
+        why, plant = doubts(diagnosis), diagnosis.model.plant
+        sizes = (bounded(name, why.get(plant.main(name).switch, "")) for name in unknown)
+        return f"these logs do not determine the size of {listed(sizes)}"
     worse = [one.log for one in diagnosis.held_out if one.worse]
     if diagnosis.contradicted and not worse:
         least = f"{100.0 * diagnosis.settings.least_gain:.3g} %"
@@ -202,7 +211,7 @@ def surprises(diagnosis: Diagnosis) -> list[str]:
     by = far(diagnosis)
     names = sorted(by, key=lambda name: -abs(by[name]))
     said = [
-        surprise(known[name], values[name].nominal, values[name].value)
+        surprise(known[name], values[name].nominal, values[name].value, values[name].doubt)
         for name in names[:MOST_SURPRISES]
     ]
     more = len(names) - MOST_SURPRISES
@@ -361,16 +370,22 @@ def moves(diagnosis: Diagnosis) -> dict[str, float]:
 
 
 def far(diagnosis: Diagnosis) -> dict[str, float]:
-    """Return those of ``moves`` that are further than ``far_deviations``."""
-    least = diagnosis.settings.far_deviations
-    return {name: by for name, by in moves(diagnosis).items() if abs(by) > least}
+    """Return those of ``moves`` that are further than ``far_deviations``, and known to be."""
+    least, known = diagnosis.settings.far_deviations, retuned(diagnosis)
+    return {name: by for name, by in known.items() if abs(by) > least}
+
+
+def retuned(diagnosis: Diagnosis) -> dict[str, float]:
+    """Return those of ``moves`` that a sentence states."""
+    stated = {
+        it.name for it in diagnosis.found if is_stated(it.value - it.nominal, it.standard_error)
+    }
+    return {name: by for name, by in moves(diagnosis).items() if name in stated}
 
 
 def doubts(diagnosis: Diagnosis) -> dict[str, str]:
     """Return in a few words why a parameter's value is doubtful, by name, if it is."""
-    free = {one.name: one for one in diagnosis.selection.taken.problem.free}
-    said = {it.name: doubt(free[it.name], it.value, it.standard_error) for it in diagnosis.found}
-    return {name: text for name, text in said.items() if text}
+    return {it.name: it.doubt for it in diagnosis.found if it.doubt}
 
 
 def warnings(diagnosis: Diagnosis) -> tuple[str, ...]:
@@ -532,5 +547,5 @@ def _about_parameters(diagnosis: Diagnosis) -> Iterator[str]:
     own = [free.name for free in taken.own]
     yield from (together(group, own) for group in taken.together)
     for name, doubtful in doubts(diagnosis).items():
-        if name.rpartition(".")[0] in diagnosis.selection.taken.effects:
+        if doubtful in BOUNDS or name.rpartition(".")[0] in taken.effects:
             yield f"'{name}' is {doubtful}"

@@ -9,7 +9,9 @@ from servo_models.core.block import LIMITS_OVER_TYPICAL, Hints, Param, effect
     "travel",
     source="SG90 paper sec. 4.4; valve paper sec. 2",
     hints=Hints(
-        says="the shaft stops at {half_range} to either side", trial_values=LIMITS_OVER_TYPICAL
+        says="the shaft stops at {half_range} to either side",
+        trial_values=LIMITS_OVER_TYPICAL,
+        limited=("angle", "position"),
     ),
 )
 def end_stops(

@@ -13,6 +13,7 @@ from servo_models.core.block import LIMITS_OVER_TYPICAL, Ambiguity, Hints, Param
         family="limit",
         inverse=True,
         trial_values=LIMITS_OVER_TYPICAL,
+        limited=("",),
         ambiguity=Ambiguity(
             "a ladder of steps up to the largest that the rig allows, back to back and spaced;"
             " log the supply voltage",

@@ -35,7 +35,9 @@ UNDETERMINED = 0.5  # standard error over a parameter's size from which a log do
 PRIOR_ONLY = 0.8  # standard error over the prior from which a log says nothing about a parameter
 FAR = 3.0  # way from the prior [standard deviations] from which an estimate has gone too far
 
-ON_LOW, ON_HIGH = "on its low bound", "on its high bound"
+STATED_ERRORS = 3.0  # standard errors beyond which a size, or what a value moved by, is stated
+
+ON_LOW, ON_HIGH = BOUNDS = "on its low bound", "on its high bound"
 FROM_PRIOR = "from its prior only"
 PULLED = "pulled off its prior"
 NOT_DETERMINED = "not determined"
@@ -93,15 +95,27 @@ def _wild(fit: Identification, name: str) -> str:
     return ", ".join(logs[i] for i in largest[:NAMED]) if share > WILD_SQUARES else ""
 
 
-def is_far(free: Free, value: float) -> bool:
-    """Return whether a value [SI] is further from the nominal one than was believed."""
-    return abs(free.moved(value)) > FAR_DEVIATIONS
+def is_far(free: Free, value: float, error: float = 0.0) -> bool:
+    """Return whether a value [SI] is further from the nominal one than was believed, and known to
+    be."""
+    return abs(free.moved(value)) > FAR_DEVIATIONS and is_stated(value - free.nominal, error)
 
 
-def surprise(parameter: Parameter, nominal: float, value: float) -> str:
+def is_stated(distance: float, error: float) -> bool:
+    """Return whether a sentence states a size, or a value that moved by so much; on a bound, where
+    the standard error is NaN, it does and says so."""
+    return not abs(distance) <= STATED_ERRORS * error
+
+
+def bounded(text: str, doubtful: str) -> str:
+    """Return the text of a value with the bound on which it is, if it is ``doubtful`` for that."""
+    return f"{text} ({doubtful})" if doubtful in BOUNDS else text
+
+
+def surprise(parameter: Parameter, nominal: float, value: float, doubtful: str) -> str:
     """Return "'a' is 30 ms, not 5 ms", of values in SI."""
     now, was = (with_display(parameter, it) for it in (value, nominal))
-    return f"'{parameter.name}' is {now}, not {was}"
+    return f"'{parameter.name}' is {bounded(now, doubtful)}, not {was}"
 
 
 def with_display(parameter: Parameter, value: float) -> str:

@@ -161,10 +161,11 @@ def _sentence(fit: Identification) -> str:
 
 def _surprises(fit: Identification) -> list[str]:
     """Which values are far from what was believed."""
+    known = fit.fitted.plant.parameters
     return [
-        surprise(fit.fitted.plant.parameters[free.name], free.nominal, value)
-        for free, value in zip(fit.free, fit.values.tolist())
-        if is_far(free, value)
+        surprise(known[free.name], free.nominal, value, doubt(free, value, error))
+        for free, value, error in zip(fit.free, fit.values.tolist(), fit.standard_errors.tolist())
+        if is_far(free, value, error)
     ]
 
 

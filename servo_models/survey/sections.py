@@ -11,6 +11,7 @@ import numpy as np
 
 from servo_models.diagnosis.verdict import NO_GAP, NOT_IDENTIFIABLE, OUTSIDE, PARAMETERS
 from servo_models.errors import UserError
+from servo_models.identification.doubts import is_stated
 from servo_models.report.curves import DASHED, draw_label
 from servo_models.report.document import Document
 from servo_models.report.numbers import Quantity, listed, number, percent, plural, with_unit
@@ -177,8 +178,13 @@ def _worst(survey: Survey) -> Table:
 
 def _causes(it: Outcome) -> str:
     """Its effects with their sizes; what is nearest to an unknown cause is told as that."""
-    every = (" ".join([one.effect, *map(str, map(_size, one.sizes[:1]))]) for one in it.taken)
+    every = (" ".join([one.effect, *map(_known, one.sizes[:1])]) for one in it.taken)
     return "nearest: " * (it.verdict == OUTSIDE and bool(it.taken)) + ", ".join(every)
+
+
+def _known(size: Estimate) -> str:
+    known = size.standard_error is not None and is_stated(size.value, size.standard_error)
+    return str(_size(size)) if known else "of unknown size"
 
 
 def words(it: Belonging) -> str:

@@ -316,26 +316,72 @@ def test_outside_the_catalogue_effects_are_ranked_and_no_probability_is_told(
     assert "model weight" in columns
 
 
-@pytest.mark.parametrize("errors_from_nothing", [0.99 * NOTHING_ERRORS, math.nan])
+def _known_to(found: Diagnosis, name: str, error: float, far: float = 3.0) -> Diagnosis:
+    """As if a parameter had this standard error, and were far from ``far`` prior deviations."""
+    taken = found.selection.taken
+    wide = replace(taken, settings=replace(taken.settings, far_deviations=far))
+    names = np.array([free.name for free in taken.problem.free])
+    errors = np.where(names == name, error, taken.spread.standard_errors)
+    vars(wide)["spread"] = replace(taken.spread, standard_errors=errors)
+    selection = replace(found.selection, taken=wide)
+    ranking = ranked_effects(selection, found.verdict, found.probabilities)
+    return replace(found, selection=selection, ranking=ranking)
+
+
+@pytest.mark.parametrize(
+    ("errors_from_nothing", "bound"),
+    [(0.99 * NOTHING_ERRORS, ""), (math.nan, " (on its low bound)")],
+)
 def test_an_effect_whose_size_is_not_determined_is_not_asserted(
-    found: Diagnosis, errors_from_nothing: float
+    found: Diagnosis, errors_from_nothing: float, bound: str
 ) -> None:
     """Its size within two standard errors of nothing, or on a bound, where it has none."""
-    taken = found.selection.taken
-    unknown = np.abs(taken.values["transport_delay.time"]) / errors_from_nothing
-    names = [free.name for free in taken.problem.free]
-    errors = np.where(
-        np.array(names) == "transport_delay.time", unknown, taken.spread.standard_errors
-    )
-    wide = replace(taken)
-    vars(wide)["spread"] = replace(taken.spread, standard_errors=errors)
-    doubted = replace(found, selection=replace(found.selection, taken=wide))
+    size = found.selection.taken.values["transport_delay.time"]
+    doubted = _known_to(found, "transport_delay.time", size / errors_from_nothing)
     assert found.doubted == ()
     assert doubted.doubted == ("transport_delay",)
-    assert "do not determine the size of transport_delay" in summary.headline(doubted)
+    why = f"do not determine the size of transport_delay{bound}"
+    assert summary.headline(doubted).endswith(why)
     assert "explains" not in summary.headline(doubted)
     told = probabilities(doubted.selection, found.verdict, worse=False)["transport_delay"]
     assert told < calibrated(found.verdict.weights, EFFECT)["transport_delay"] <= MOST_PROBABILITY
+
+
+@pytest.mark.parametrize("errors", [0.0, 2.9, 3.1, math.nan])
+def test_a_sentence_states_what_exceeds_three_standard_errors(
+    found: Diagnosis, errors: float
+) -> None:
+    """A size as it is, a re-tuned value as it moved: below, the table alone has it; on a bound,
+    where it has no error, each says so."""
+    values = {it.name: it for it in found.found}
+    with np.errstate(divide="ignore"):
+        size = np.float64(values["transport_delay.time"].value) / errors
+        constant = values["torque_constant"]
+        moved = np.float64(constant.value - constant.nominal) / errors
+    stated, bound = not errors < 3.0, "(on its"
+
+    sized = _known_to(found, "transport_delay.time", size)
+    (cause,) = (card.text for card in sized.report().cards if card.title == "cause")
+    assert ("acts 1.0" in cause) is stated
+    assert ("size unknown" in cause) is not stated
+    (row,) = (it for it in sized.document()["effects"] if it["name"] == "transport_delay")
+    (told,) = (one for one in row["parameters"] if one["name"] == "transport_delay.time")
+    sizes = next(iter(sized.tables()["Effects, most likely first"]["size"]))
+    assert "time 1." in sizes
+    for text in (cause, sizes, f"({told['doubt']}"):
+        assert (bound in text) is math.isnan(errors)
+
+    tuned = _known_to(found, "torque_constant", moved, far=0.01)
+    warned = "; ".join(summary.warnings(tuned))
+    said = summary.surprises(tuned)
+    assert any(text.startswith("'torque_constant' is ") for text in said) is stated
+    assert ("'torque_constant' by +" in warned) is stated
+    assert any(bound in text for text in said) is math.isnan(errors)
+    assert ("'torque_constant' is on its" in warned) is math.isnan(errors)
+    parameters = replace(tuned, verdict=replace(found.verdict, kind=PARAMETERS))
+    most = [card.text for card in parameters.report().cards if card.title == "re-tuned most"]
+    assert ("torque_constant" in "".join(most)) is stated
+    assert (bound in "".join(most)) is math.isnan(errors)
 
 
 def test_effects_are_not_asserted_where_what_is_held_out_gets_worse(found: Diagnosis) -> None:

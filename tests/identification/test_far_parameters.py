@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from pathlib import Path
 
 from servo_models.core.simulate import model
@@ -26,6 +28,12 @@ def test_an_identified_value_leaves_a_prior_that_was_wrong() -> None:
     assert abs(found.values[place] - 0.030) < 4.0 * found.standard_errors[place]
     assert found.believable
     assert found.report().sentence.startswith("'transport_delay.time' is 30 ms, not 5 ms; ")
+    moved = abs(found.values[place] - found.free[place].nominal)
+    for errors, now in ((2.9, ""), (3.1, "30 ms,"), (math.nan, "30 ms (on its low bound),")):
+        wide = found.standard_errors.copy()
+        wide[place] = moved / errors
+        said = replace(found, standard_errors=wide).report().sentence
+        assert (f"'transport_delay.time' is {now}" in said) is bool(now)
 
 
 def test_an_identified_value_beyond_any_prior_is_not_believed() -> None:

@@ -85,6 +85,19 @@ def test_a_gain_is_imitated_by_an_uncertain_constant_beside_it(tmp_path: Path) -
     assert rig(tmp_path)(Case("gain_error", 5.0)).told == IMITATED
 
 
+def test_a_limit_is_put_in_that_the_motion_without_it_exceeds(tmp_path: Path) -> None:
+    """A diagnosis would refuse it: a reading exceeds it, but of a rig that does not have it."""
+    path = plan(tmp_path)
+    path.write_text(
+        path.read_text().replace("[uncert", "parameters.end_stops.half_range = 0\n[uncert")
+    )
+    planned = Rig(path, False, {"angle": NOISE}, 0, None)
+    free = np.ptp(planned.logs({}, np.random.default_rng(0))[0].outputs["angle"])
+    _, size, gap = planned.sized("end_stops", {}, 100.0)
+    assert size < 0.4 * free
+    assert gap >= 100.0
+
+
 ON = {"transport_delay": "time = 1.1 ms", "end_stops": "half_range = 3 deg"}
 
 

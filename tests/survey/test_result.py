@@ -169,6 +169,18 @@ def test_the_worst_tell_why_they_failed() -> None:
     assert row[:4] == ("1", "elbow", "failed", "no log")
 
 
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [(0.009, "1.72 ± 0.52 deg"), *((error, "of unknown size") for error in (0.011, None))],
+)
+def test_a_size_is_told_where_it_exceeds_three_standard_errors(
+    error: float | None, said: str
+) -> None:
+    one = outcome("1", "elbow", {"backlash": (0.03, error)})
+    (row,) = survey(one).tables()["The worst"].rows()
+    assert row[3] == f"backlash {said}"
+
+
 def test_a_search_that_was_stopped_is_told_beside_its_verdict() -> None:
     first, other = outcome("1", "elbow", PLAY), outcome("1", "wrist", PLAY, gap=20.0)
     found = survey(first, msgspec.structs.replace(other, stopped="after 60 s"))

@@ -19,10 +19,12 @@ from servo_models.core.plant import Parameter, Plant
 from servo_models.core.simulate import Model
 from servo_models.core.types import Array
 from servo_models.data.log import Log
+from servo_models.data.sensor import off_neighbours
 from servo_models.diagnosis.codes import Step, steps_under_noise
 from servo_models.identification.problem import Free, free_parameter, travel
 from servo_models.identification.simulation import prepared
 
+SURE_OF_RANGE = 0.9  # share of a measured range that play and the gain of a reading leave sure
 LEAST_SAMPLES_IN_A_PERIOD = 10.0  # samples in a period of the fastest resonance that logs can show
 LEAST_RIPPLE_PERIODS_IN_TRAVEL = 0.7  # fewest periods in the travel: fewer look like any load
 RESONANCE_REACH_FACTOR = 4.0  # reach of compliance and inertia in a fit: fast ones run slowly
@@ -127,6 +129,7 @@ def candidates(
         on = any(model.values[p.name] != 0.0 for p in parameters if p.param.switch)
         hints = effect.hints
         vain = hints.learnt or (hints.of_changes and _never_changes(model, logs, effect.wire))
+        vain = vain or any(effect.exceeded >= it.param.high for it in effect.switches)
         if effect.switches and not on and not vain and name not in skipped:
             switched_off.append(effect.candidate())
     return tuple(switched_off)
@@ -157,6 +160,18 @@ class _Off:
         # codes of the very signal tell whether and how it is quantised
         self.has_codes = self.hints.signature == "codes"
         self.reads_codes = self.has_codes and any(self.wire in log.outputs for log in logs)
+        self.exceeded = self._exceeded()
+
+    def _exceeded(self) -> float:
+        """A limit that readings of the limited signal surely exceed, those held out as well: by
+        their range, since their zero may be off, and without single wild ones; 0 for none."""
+        readings = [
+            values - off_neighbours(values)
+            for log in self.logs
+            for name in self.hints.limited
+            if (values := log.outputs.get(name or self.wire)) is not None
+        ]
+        return SURE_OF_RANGE * 0.5 * float(np.ptp(np.concatenate(readings))) if readings else 0.0
 
     def candidate(self) -> Candidate:
         interval = min((log.interval for log in self.logs), default=0.0)
@@ -179,7 +194,7 @@ class _Off:
             least = LEAST_RIPPLE_PERIODS_IN_TRAVEL * 2.0 * math.pi / travel(self.plant, self.logs)
             low = min(max(low, least), 0.5 * free.high)
         elif parameter.param.switch and free.start > 0.0 and low >= 0.0:
-            low = max(low, LEAST_OVER_TYPICAL * free.start)
+            low = max(low, LEAST_OVER_TYPICAL * free.start, self.exceeded)
         return replace(free, low=low, start=max(free.start, low))
 
     def shaped(self, key: str) -> Parameter | None:
@@ -197,6 +212,9 @@ class _Off:
             steps = quanta(switch, [self.wire], self.logs)
             return about_codes(switch, (it for it in steps if it.sure))
         values = few(self.hints, self.switches, self.shape)
+        if self.exceeded:
+            larger = [it for it in values if it[switch.name] > self.exceeded]
+            return [{switch.name: self.exceeded}, *larger]
         if self.has_codes:
             wires = self.plant.wire
             alike = [it for it in self.plant.outputs if wires[it].unit == wires[self.wire].unit]

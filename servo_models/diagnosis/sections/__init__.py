@@ -12,6 +12,7 @@ from servo_models.diagnosis.ranking import RankedEffect, Value
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.sections import pictures, tables
 from servo_models.diagnosis.verdict import NOT_IDENTIFIABLE, OUTSIDE, PARAMETERS
+from servo_models.identification.doubts import is_stated
 from servo_models.identification.live import MOVE, live_logs
 from servo_models.identification.readings import log_facts, log_notes, words
 from servo_models.report.interchange import conditions
@@ -23,6 +24,7 @@ from servo_models.report.sections import Card, Section
 ANSWER, WARNINGS, ERRORS, WHERE = "Measured and simulated", "Warnings", "Errors", "Where it lies"
 EFFECTS, PARAMETER, NEXT = "Effects", "Parameters", "Next experiment"
 SHAPE = "What is left, as a shape"
+SIZE_UNKNOWN = "size unknown"
 
 
 def report(diagnosis: Diagnosis, date: str = "") -> Report:
@@ -82,7 +84,7 @@ def _cards(diagnosis: Diagnosis) -> Iterator[Card]:
 def _causes(diagnosis: Diagnosis) -> Iterator[Card]:
     """Effects with their sizes, or what re-tuning moved most."""
     if diagnosis.verdict.kind == PARAMETERS:
-        moves = summary.moves(diagnosis)
+        moves = summary.retuned(diagnosis)
         most = sorted(moves, key=lambda name: -abs(moves[name]))[: diagnosis.settings.few_models]
         lines = [_moved(diagnosis, value) for value in diagnosis.found if value.name in most]
         if lines:
@@ -101,21 +103,30 @@ def _causes(diagnosis: Diagnosis) -> Iterator[Card]:
 
 def _cause(diagnosis: Diagnosis, effect: RankedEffect) -> str:
     rival = not effect.taken and any(one.taken for one in diagnosis.ranking)
-    sizes = {
-        value.name.rpartition(".")[2]: str(tables.size(diagnosis, value))
-        for value in effect.parameters
-    }
-    says = diagnosis.model.plant.main(effect.name).effect.hints.says
-    listed_sizes = ", ".join(f"{name} {size}" for name, size in sizes.items())
-    told = says.format(wire=words(effect.wire), **sizes) if says else listed_sizes
     chance = f", {tables.likelihood(effect)}" if effect.probability is not None else ""
-    return f"{'or ' * rival}{effect.name} on '{effect.wire}'{chance}: {told}"
+    named = f"{'or ' * rival}{effect.name} on '{effect.wire}'"
+    return f"{named}{chance}: {_told(diagnosis, effect)}"
+
+
+def _told(diagnosis: Diagnosis, effect: RankedEffect) -> str:
+    """What an effect does with its sizes, where these are known."""
+    sizes = {
+        value.name.rpartition(".")[2]: tables.told(diagnosis, value)
+        for value in effect.parameters
+        if is_stated(value.value, value.standard_error)
+    }
+    hints = diagnosis.model.plant.main(effect.name).effect.hints
+    if not hints.named <= sizes.keys():
+        return SIZE_UNKNOWN
+    listed_sizes = ", ".join(f"{key} {size}" for key, size in sizes.items())
+    told = hints.says.format(wire=words(effect.wire), **sizes)
+    return told or listed_sizes or SIZE_UNKNOWN
 
 
 def _moved(diagnosis: Diagnosis, value: Value) -> str:
     parameter = diagnosis.model.plant.parameters[value.name]
     nominal = number(display_scale(parameter) * value.nominal)
-    return f"{value.name} {nominal} {ARROW} {tables.size(diagnosis, value)}"
+    return f"{value.name} {nominal} {ARROW} {tables.told(diagnosis, value)}"
 
 
 def _before(diagnosis: Diagnosis) -> Iterator[str]:

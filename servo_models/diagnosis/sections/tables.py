@@ -19,6 +19,7 @@ from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.diagnosis.signatures import sentence
 from servo_models.diagnosis.verdict import OUTSIDE, weights_by_effects
+from servo_models.identification.doubts import BOUNDS, bounded
 from servo_models.identification.readings import error_table
 from servo_models.report.numbers import Quantity, listed, number, percent, prefix
 from servo_models.report.sections import Cell, Table
@@ -37,6 +38,11 @@ def size(diagnosis: Diagnosis, value: Value) -> Quantity:
     parameter = diagnosis.model.plant.parameters[value.name]
     scale, unit = display_scale(parameter), display_unit(parameter) or "1"
     return Quantity(scale * value.value, unit, scale * value.standard_error)
+
+
+def told(diagnosis: Diagnosis, value: Value) -> str:
+    """Return ``size``, and on which bound it is."""
+    return bounded(str(size(diagnosis, value)), value.doubt)
 
 
 def likelihood(effect: RankedEffect) -> str:
@@ -199,7 +205,7 @@ def _effect(diagnosis: Diagnosis, effect: RankedEffect) -> tuple[Cell, ...]:
         effect.name,
         effect.wire,
         likelihood(effect),
-        ", ".join(f"{v.name.rpartition('.')[2]} {size(diagnosis, v)}" for v in effect.parameters),
+        ", ".join(f"{v.name.rpartition('.')[2]} {told(diagnosis, v)}" for v in effect.parameters),
         Quantity(effect.gap_after, digits=3),
         percent(effect.closed),
         ", ".join(marks),
@@ -312,7 +318,7 @@ def parameters(diagnosis: Diagnosis) -> tuple[Table, Table]:
     """Nominal parameters before, alone and beside the effects, and the effects' own."""
     priors = {one.name: one.believed for one in diagnosis.selection.retuned.problem.free}
     moved = {} if diagnosis.within_tolerance else {one.name: one for one in diagnosis.moved}
-    moves, doubts = summary.moves(diagnosis), summary.doubts(diagnosis)
+    moves = summary.moves(diagnosis)
     known = diagnosis.model.plant.parameters
     rows, about = [], []
     for value in diagnosis.found:
@@ -325,7 +331,7 @@ def parameters(diagnosis: Diagnosis) -> tuple[Table, Table]:
                 size(diagnosis, alone) if alone else "",
                 size(diagnosis, value),
                 Quantity(round(moves[value.name], 1) + 0.0) if value.name in moves else None,
-                doubts.get(value.name, ""),
+                _doubt(value, alone),
             )
         )
         before = shown_value(parameter, prior, digits=2) if prior else ""
@@ -336,3 +342,9 @@ def parameters(diagnosis: Diagnosis) -> tuple[Table, Table]:
         Table("Parameters, with standard errors", columns, tuple(rows)),
         Table("What these parameters are", meanings, tuple(about), folded=True),
     )
+
+
+def _doubt(value: Value, alone: Value | None) -> str:
+    """Why a value is doubtful, and that re-tuned alone it was on a bound."""
+    was = f"alone {alone.doubt}" if alone and alone.doubt in BOUNDS else ""
+    return ", ".join(filter(None, (value.doubt, was)))

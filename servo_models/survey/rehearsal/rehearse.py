@@ -318,7 +318,9 @@ class Rig:
         def gap(size: float) -> float:
             return self.changed(values, {**values, switch.name: size})
 
-        weak, strong = max(switch.low, LEAST_OVER_TYPICAL * switch.start), switch.high
+        param = self.description.model.plant.parameters[switch.name].param
+        # not the low end of a fit: without the limit, the logs of a rehearsal exceed it
+        weak, strong = max(param.low, LEAST_OVER_TYPICAL * param.typical), switch.high
         if gap(weak) >= gap(strong):  # a limit
             weak, strong = strong, weak
         for _ in range(2):
