@@ -308,8 +308,8 @@ def test_a_profile_keeps_its_limits_whenever_the_goal_moves(
     found = profiled(PROFILED, goals)
     speed = np.diff(found, prepend=0.0) / TICK
     assert np.abs(speed).max() <= PROFILED.speed * (1.0 + 1e-9)
-    # an end is met within a step of the speed, which is one acceleration more
-    assert np.abs(np.diff(speed)).max() <= 2.0 * ACCELERATION * TICK * (1.0 + 1e-9)
+    # an end is met from a mean speed of 1.5 steps by one of a step, also the other way
+    assert np.abs(np.diff(speed)).max() <= 2.5 * ACCELERATION * TICK * (1.0 + 1e-9)
     assert found[-1] == last
 
 
