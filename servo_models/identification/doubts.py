@@ -49,7 +49,8 @@ def judged(report: Report, warnings: Iterable[str]) -> Report:
     if not reasons:
         return report
     more = f" ({len(reasons) - 1} more below)" if len(reasons) > 1 else ""
-    sentence = f"Doubtful: {reasons[0]}{more}. {report.sentence}"
+    first = reasons[0].partition(";")[0]  # the cure is among the warnings
+    sentence = f"Doubtful: {first}{more}. {report.sentence}"
     return replace(report, sentence=sentence, passed=False)
 
 

@@ -196,7 +196,7 @@ def _parameter_card(fit: Identification) -> Card:
     ]
     if len(estimates) > IN_CARD:
         lines.append(f"and {len(estimates) - IN_CARD} more")
-    is_well = not (doubtful or shared)
+    is_well = fit.believable and not (doubtful or shared)
     return Card("parameters", "\n".join(lines), True if is_well else None, PARAMETERS)
 
 
