@@ -146,7 +146,7 @@ def _mistake(
 
 
 def _error(model: FittedModel) -> float:
-    return error(model.problem.responses(model.evidence.vector), model.problem.logs)
+    return error(model.problem, model.evidence.vector)
 
 
 def _confirmed(diagnosis: Diagnosis, tell: Tell | None) -> Diagnosis:

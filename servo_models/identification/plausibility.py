@@ -577,11 +577,19 @@ def questions(told: Description) -> tuple[Audit, ...]:
 def tried(told: Description, asked: Sequence[Audit], workers: Workers = ALONE) -> Tried:
     """Try every mistake of which another reading is known."""
     return {
-        mistake: retuned(told, mended(told.logs, log, mistake), workers)
+        mistake: _left(told, log, mistake, workers)
         for log, audit in zip(told.logs, asked)
         for mistake in audit.mistakes
         if mistake.mended
     }
+
+
+def _left(told: Description, log: Log, mistake: Mistake, workers: Workers) -> float:
+    """Error that is left of the logs as they would be right; infinite where they cannot be so."""
+    try:
+        return retuned(told, mended(told.logs, log, mistake), workers)
+    except UserError:
+        return np.inf
 
 
 def likely(
@@ -598,7 +606,10 @@ def likely(
     errors = tried(told, [replace(it, mistakes=of_columns(it)) for it in asked], workers)
     if not errors:
         return tuple(asked)
-    most = NO_BETTER * retuned(told, told.logs, workers)
+    try:
+        most = NO_BETTER * retuned(told, told.logs, workers)
+    except UserError:  # as they stand they cannot be: any other reading is better
+        return tuple(asked)
     return tuple(
         replace(it, mistakes=tuple(m for m in it.mistakes if errors.get(m, 0.0) <= most))
         for it in asked
@@ -617,26 +628,30 @@ def mended(logs: Sequence[Log], of: Log, mistake: Mistake) -> list[Log]:
 
 
 def retuned(told: Description, logs: Sequence[Log], workers: Workers = ALONE) -> float:
-    """Error that re-tuned parameters leave, see ``error``; infinite where nothing can be fitted."""
+    """Error that re-tuned parameters leave, see ``error``.
+
+    Raises:
+        UserError: the logs cannot be simulated.
+    """
     model, most = told.model, LONGEST * told.model.values.get("internal_step", np.inf)
     floors = noise_floors(audits(logs, model.plant))
     # of times that are far too long one run is all that can be waited for
     is_endless = sum(log.duration for log in logs) > most
     free = () if is_endless else prior_parameters(told)
     steps = None if is_endless else InternalSteps(model, floors)
-    try:
-        problem = Problem(model, logs, free, floors, workers, steps=steps)
-        vector = problem.start
-        if free:
-            vector, _, _ = descend(problem, vector, COST_TOLERANCE, MOST_STEPS)
-        return error(problem.responses(vector), logs)
-    except UserError:
-        return np.inf
+    problem = Problem(model, logs, free, floors, workers, steps=steps)
+    vector = problem.start
+    if free:
+        vector, _, _ = descend(problem, vector, COST_TOLERANCE, MOST_STEPS)
+    return error(problem, vector)
 
 
-def error(responses: Sequence[Mapping[str, Array]], logs: Sequence[Log]) -> float:
-    """RMS error over the standard deviation of the readings, over all outputs: of any scale."""
-    shares = []
+def error(problem: Problem, vector: Array) -> float:
+    """RMS error over the standard deviation of the readings that a fit sees, over all outputs, so
+    of any scale; infinite where such a log cannot be simulated."""
+    values, logs, shares = problem.values(vector), problem.logs, []
+    runs = [run.outputs_or_nan(values).T for run in problem.runs]
+    responses = [dict(zip(log.outputs, outputs)) for log, outputs in zip(logs, runs)]
     for name in dict.fromkeys(name for log in logs for name in log.outputs):
         both = [
             (log.outputs[name][log.fitted], response[name][log.fitted])
@@ -646,4 +661,5 @@ def error(responses: Sequence[Mapping[str, Array]], logs: Sequence[Log]) -> floa
         measured, simulated = (np.concatenate(parts) for parts in zip(*both))
         if len(measured) and np.ptp(measured) > 0.0:
             shares.append(rms(simulated - measured) / float(np.std(measured)))
-    return rms(np.array(shares)) if shares else np.inf
+    found = rms(np.array(shares)) if shares else np.inf
+    return found if np.isfinite(found) else np.inf

@@ -19,6 +19,7 @@ from servo_models.data.log import Log
 from servo_models.data.mistakes import Mistake
 from servo_models.diagnosis import summary
 from servo_models.diagnosis.diagnose import diagnose
+from servo_models.errors import UserError
 from servo_models.identification.plausibility import likely
 from tests.conftest import Run
 from tests.support.plausible_logs import described, sane
@@ -123,5 +124,18 @@ def test_logs_of_one_recorder_are_judged_together() -> None:
         assert any(it.mistakes for it in likely(told, accused)) is stays
 
 
-def scaled(outputs: Mapping[str, Array]) -> dict[str, Array]:
-    return {name: 50.0 * values for name, values in outputs.items()}
+def scaled(signals: Mapping[str, Array], factor: float = 50.0) -> dict[str, Array]:
+    return {name: factor * values for name, values in signals.items()}
+
+
+def test_a_reading_that_cannot_be_simulated_explains_nothing() -> None:
+    """A pulse of less than 0 s is no input, and a start that it shows is none."""
+
+    def refused(log: Log) -> Log:
+        raise UserError("out of bounds")
+
+    chosen, log = sane("smart_servo", "xl330", 105)
+    for mended in (refused, lambda it: replace(it, inputs=scaled(it.inputs, 1e6))):
+        asked = question([*log.inputs], mended)
+        audited = [replace(it, mistakes=(asked,)) for it in audits([log], chosen.plant)]
+        assert not any(it.mistakes for it in likely(described(chosen, log), audited))
