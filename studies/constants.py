@@ -47,8 +47,8 @@ def numeric(node: ast.expr | None) -> bool:
     return isinstance(node, ast.Tuple) and bool(node.elts) and all(map(numeric, node.elts))
 
 
-def constants(tree: ast.Module) -> Iterator[str]:
-    """Names in capitals to which a module gives numbers."""
+def numbers(tree: ast.Module) -> Iterator[tuple[str, ast.expr]]:
+    """Names in capitals to which a module gives numbers, and these."""
     for node in tree.body:
         if isinstance(node, ast.Assign):
             pairs = [(target, node.value) for target in node.targets]
@@ -62,7 +62,12 @@ def constants(tree: ast.Module) -> Iterator[str]:
                 each = [*zip(target.elts, value.elts)]
             for name, number in each:
                 if isinstance(name, ast.Name) and name.id.isupper() and numeric(number):
-                    yield name.id
+                    yield name.id, number
+
+
+def constants(tree: ast.Module) -> Iterator[str]:
+    """Names in capitals to which a module gives numbers."""
+    return (name for name, _ in numbers(tree))
 
 
 def settings(tree: ast.Module) -> int:

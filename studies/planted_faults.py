@@ -2,11 +2,15 @@
 
     python -m studies planted_faults --faults 60 --seed 1 --out FOLDER      # resumable
     python -m studies planted_faults --faults 60 --seed 1 --out FOLDER --only data
+    python -m studies planted_faults --constants 60 --out FOLDER            # resumable
 
 A fault is one operator or number of a function turned into another, drawn over all folders by their
 lines: ``<`` to ``>=``, ``+`` to ``-``, ``*`` to ``/``, ``and`` to ``or``, a number to another one.
 In a copy of the repository the tests of the folder with that name are run until one fails.  What no
 test sees is either the same program, or a test that is missing: the table has its line to read.
+A constant is a number in capitals at module level, tripled and, where no test sees that, divided
+by three.  ``studies/planted_constants.json`` keeps the sample, so that a later checkout is judged
+by it; without the file, another one is drawn.  What stands there no more counts as gone.
 Exit code 0: all are seen, 1: not all.
 """
 
@@ -21,9 +25,11 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeGuard
+
+from studies.constants import numbers
 
 ROOT = Path(__file__).parents[1]
 OTHER: dict[type[ast.AST], Any] = {
@@ -49,6 +55,7 @@ TESTS = {
 }
 """Tests of a folder or file that are not those of its name."""
 LONGEST = 900  # s, of a run of tests
+SAMPLE = Path(__file__).with_name("planted_constants.json")
 
 
 @dataclass(frozen=True)
@@ -135,6 +142,43 @@ def drawn(count: int, seed: int) -> list[Fault]:
     return found
 
 
+def constants(path: Path) -> dict[str, Fault]:
+    """Every constant of a module, by its name, tripled."""
+    text = path.read_text("utf-8").encode()
+    starts = [0]
+    for line in text.splitlines(keepends=True):
+        starts.append(starts[-1] + len(line))
+    found = {}
+    for name, node in numbers(ast.parse(text)):
+        begin = starts[node.lineno - 1] + node.col_offset
+        end = starts[(node.end_lineno or 0) - 1] + (node.end_col_offset or 0)
+        was = text[begin:end].decode()
+        where = path.relative_to(ROOT).as_posix()
+        found[name] = Fault(where, node.lineno, begin, end, was, f"(3 * {was})")
+    return found
+
+
+def sample_of_constants(count: int, seed: int, path: Path) -> list[Fault]:
+    """Today's constants of the sample in a file, which is drawn where there is none."""
+    today = {
+        (name, fault.path): fault
+        for file in sorted(ROOT.glob("servo_models/**/*.py"))
+        if file.name != "pictures.py" and "withheld" not in file.parts
+        for name, fault in constants(file).items()
+        if fault.was[0] not in "(0" or "." in fault.was  # neither a tuple nor zero can be tripled
+    }
+    if not path.exists():
+        sample = random.Random(seed).sample(sorted(today), count)
+        path.write_text(json.dumps(sample, indent=0) + "\n", encoding="utf-8")
+    kept = []
+    for name, where in json.loads(path.read_text("utf-8")):
+        moved = [fault for (other, _), fault in today.items() if other == name]
+        found = today.get((name, where)) or (moved[0] if len(moved) == 1 else None)
+        print(f"{where}: {name} {'' if found else 'is gone'}", file=sys.stderr)
+        kept += [found] if found else []
+    return kept
+
+
 def seen_by(fault: Fault, copy: Path) -> str:
     """The first test that fails with a fault in a copy of the repository, "" for none."""
     path = copy / fault.path
@@ -168,19 +212,28 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path, required=True, help="folder of the copy and of results")
     parser.add_argument("--only", default="", help="a folder")
+    parser.add_argument("--constants", type=int, default=0, metavar="N", help="of N constants")
     given = parser.parse_args()
     copy, results = given.out / "copy", given.out / "results.jsonl"
+    given.out.mkdir(parents=True, exist_ok=True)
+    planted = (
+        sample_of_constants(given.constants, given.seed, SAMPLE)
+        if given.constants
+        else drawn(given.faults, given.seed)
+    )
     if not copy.exists():
         shutil.copytree(
             ROOT, copy, ignore=shutil.ignore_patterns(".git", "__pycache__", "*.egg-info")
         )
     lines = results.read_text("utf-8").splitlines() if results.exists() else []
     known = {(row["path"], row["line"]): row for row in map(json.loads, lines)}
-    for fault in drawn(given.faults, given.seed):
+    for fault in planted:
         if (fault.path, fault.line) in known or given.only not in ("", fault.folder):
             continue
         row = {"path": fault.path, "line": fault.line, "was": fault.was, "planted": fault.planted}
         row["seen"] = seen_by(fault, copy)
+        if given.constants and not row["seen"]:
+            row["seen"] = seen_by(replace(fault, planted=f"({fault.was} / 3)"), copy)
         known[fault.path, fault.line] = row
         with results.open("a", encoding="utf-8") as file:
             file.write(json.dumps(row) + "\n")
