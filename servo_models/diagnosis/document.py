@@ -26,7 +26,6 @@ from servo_models.diagnosis.design import Experiment
 from servo_models.diagnosis.gap import GapSummary
 from servo_models.diagnosis.ranking import RankedEffect, Value
 from servo_models.diagnosis.result import Diagnosis
-from servo_models.diagnosis.signatures import Codes, Signature, sentence
 from servo_models.diagnosis.stretches import Part, held_out_outputs
 from servo_models.diagnosis.verdict import weights_by_effects
 from servo_models.errors import UserError
@@ -133,7 +132,6 @@ def _effect(diagnosis: Diagnosis, effect: RankedEffect) -> schema.Effect:
         effect,
         block=effect.wire,
         parameters=[_value(diagnosis, value) for value in effect.parameters],
-        detected=effect.detected and _detected(effect.detected),
     )
 
 
@@ -173,11 +171,6 @@ def _part(part: Part) -> schema.ExplainedPart:
     return schema.ExplainedPart(
         part.log, part.half or None, value.name, value.value, value.standard_error, part.left
     )
-
-
-def _detected(seen: Signature) -> schema.Detected:
-    by = "codes" if isinstance(seen, Codes) else "clock"
-    return schema.Detected(by, seen.bunched, seen.chance, sentence(seen))
 
 
 def _parameter(diagnosis: Diagnosis, value: Value) -> schema.Parameter:

@@ -10,7 +10,6 @@ from servo_models.diagnosis.calibration import calibrated, doubtful
 from servo_models.diagnosis.search.crossval import closed
 from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.diagnosis.search.selection import Selection
-from servo_models.diagnosis.signatures import Signature, signature
 from servo_models.diagnosis.verdict import EFFECT, EFFECTS, Verdict
 from servo_models.identification.doubts import doubt
 
@@ -51,8 +50,6 @@ class RankedEffect:
         converged: False where its fit did not; it is ranked all the same.
         detectability: how far it can move the outputs of these logs [noise floors], without what
             nominal parameters imitate.
-        detected: what its own detector says, None where there is none or it can say nothing, and
-            of effects that are not believed.
     """
 
     name: str
@@ -67,7 +64,6 @@ class RankedEffect:
     beside: tuple[str, ...]
     converged: bool
     detectability: float
-    detected: Signature | None = None
 
 
 def undetermined(taken: FittedModel) -> tuple[str, ...]:
@@ -141,7 +137,6 @@ def _ranked_effect(
         beside=tuple(other for other in fitted_model.effects if other != name),
         converged=fitted_model.converged,
         detectability=selection.detectability[name].shown,
-        detected=signature(fitted_model, name) if matters else None,
     )
 
 

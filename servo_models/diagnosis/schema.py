@@ -127,15 +127,6 @@ class Parameter(Value, frozen=True):
     prior_deviations: Annotated[Figure, about("How far it moved; null without a prior.")]
 
 
-class Detected(Document, frozen=True):
-    """What an effect's own detector says, apart from any error; null without one."""
-
-    by: Annotated[str, choice("codes", "clock"), about("Of a reading, or of the command.")]
-    bunched: Annotated[Share, about("1 on codes or ticks, 0 anywhere.")]
-    by_chance: Annotated[Share, about("Probability of as much without codes or ticks.")]
-    text: str
-
-
 class Effect(Document, frozen=True):
     """An effect that was fitted, the most likely first."""
 
@@ -172,7 +163,6 @@ class Effect(Document, frozen=True):
         about("How far it moves the outputs [noise floors] beyond what parameters imitate."),
     ]
     beside: Annotated[Names, about("The other effects of that explanation.")]
-    detected: Detected | None
 
 
 class FittedEffects(Document, frozen=True):

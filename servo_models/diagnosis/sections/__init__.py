@@ -44,7 +44,6 @@ def report(diagnosis: Diagnosis, date: str = "") -> Report:
             _where(diagnosis),
             _shape(diagnosis),
             _effects(diagnosis),
-            _signatures(diagnosis),
             _ruled_out(diagnosis),
             _masked(diagnosis),
             _parameters(diagnosis),
@@ -319,17 +318,6 @@ def _refined(diagnosis: Diagnosis) -> str:
     return (
         f" All fits ended as soon as they could be compared; {tables.together(taken.effects)} was"
         f" then fitted to the end, and leaves {now} instead of {then}."
-    )
-
-
-def _signatures(diagnosis: Diagnosis) -> Section:
-    return Section(
-        "Codes and ticks",
-        "A quantiser leaves codes in its reading, and a hold answers commands on its ticks. Both"
-        " show, or do not, whatever error a fit leaves.",
-        tables=(tables.detected(diagnosis),),
-        pictures=pictures.signatures(diagnosis),
-        folded=True,
     )
 
 

@@ -16,7 +16,6 @@ from servo_models.diagnosis.residual_map import Curve
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.diagnosis.sections import tables
-from servo_models.diagnosis.signatures import Answers, Codes, Signature, sentence
 from servo_models.identification.problem import PRIOR_BOUND_SIGMAS
 from servo_models.identification.readings import (
     Reading,
@@ -29,7 +28,6 @@ from servo_models.identification.readings import (
 )
 from servo_models.report import curves
 from servo_models.report.estimates import correlation_map, cost_profiles
-from servo_models.report.numbers import with_unit
 from servo_models.report.sections import Picture
 from servo_models.report.style import SERIES, colour
 
@@ -43,7 +41,6 @@ PANEL = 1.45  # height of a panel [inch]
 EXPLANATIONS = (curves.JUDGED, curves.NOMINAL, curves.BETWEEN)
 """How the likeliest explanations are drawn in what an experiment is expected to show."""
 NUMBERS = 5  # numbers on the axis of a short stretch, which are long ones
-BARS = 40
 BEYOND = 3.0  # errors above this many times that of the nominal model are drawn at the edge
 NEAR = 2.7  # prior standard deviations that are drawn at least
 DOTTED = (0, (1, 1.5))
@@ -189,53 +186,6 @@ def _draw_fits(
     panel.xaxis.set_major_formatter("{x:g}")
     panel.set_xlabel("error on blocks left out [noise floors]")
     _without_scale(panel)
-
-
-def signatures(diagnosis: Diagnosis) -> tuple[Picture, ...]:
-    """Return the signature of each believed effect that has one."""
-    seen = [effect.detected for effect in diagnosis.ranking if effect.detected is not None]
-    return tuple(_codes(it) if isinstance(it, Codes) else _ticks(it) for it in seen)
-
-
-def _codes(seen: Codes) -> Picture:
-    return Picture(
-        f"{seen.reading.name}, folded at the step",
-        partial(_draw_codes, seen),
-        f"{_caption(seen)} A quantiser makes a peak, as wide as the noise after it; without one,"
-        " the bars are level.",
-        height=2.4,
-    )
-
-
-def _draw_codes(seen: Codes, axes: Sequence[Axes]) -> None:
-    scale, unit = display(seen.reading)
-    axes[0].hist(seen.phases, bins=BARS, range=(-0.5, 0.5), color=colour("blue"))
-    step = with_unit(f"{scale * seen.step:.3g}", unit)
-    axes[0].set(xlabel=f"distance from a code [steps of {step}]", ylabel="readings")
-    axes[0].set_xlim(-0.5, 0.5)
-
-
-def _ticks(seen: Answers) -> Picture:
-    return Picture(
-        f"When steps of the command are answered, period {1e3 * seen.period:.3g} ms",
-        partial(_draw_ticks, seen),
-        f"{_caption(seen)} On the line: a step waits for the next tick. Level: all are late alike,"
-        " as by a delay. Anywhere: no clock.",
-        height=2.8,
-    )
-
-
-def _draw_ticks(seen: Answers, axes: Sequence[Axes]) -> None:
-    due, late, error = (1e3 * it for it in (seen.due, seen.late, seen.error))
-    ends, tint = np.array([0.0, 1e3 * seen.period]), colour("blue")
-    axes[0].plot(ends, ends, color=colour("muted"), lw=1.0, label="answered on ticks")
-    axes[0].errorbar(due, late, yerr=error, fmt="o", color=tint, ms=4.5, label="measured")
-    axes[0].set(xlabel="from the step to the next tick [ms]", ylabel="answered late by [ms]")
-    axes[0].legend(frameon=False)
-
-
-def _caption(seen: Signature) -> str:
-    return f"{seen.effect}: {sentence(seen)}."
 
 
 def moved(diagnosis: Diagnosis) -> tuple[Picture, ...]:

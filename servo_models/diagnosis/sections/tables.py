@@ -17,7 +17,6 @@ from servo_models.diagnosis.ranking import RankedEffect, Value
 from servo_models.diagnosis.residual_map import Curve
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.search.fitting import FittedModel
-from servo_models.diagnosis.signatures import sentence
 from servo_models.diagnosis.verdict import OUTSIDE, weights_by_effects
 from servo_models.identification.doubts import BOUNDS, bounded
 from servo_models.identification.readings import error_table
@@ -257,12 +256,6 @@ def intervals(fitted_models: Sequence[FittedModel]) -> list[tuple[float, float]]
 def together(effects: Sequence[str]) -> str:
     """Return effects that act at once, in words."""
     return listed(effects) if effects else "parameters alone"
-
-
-def detected(diagnosis: Diagnosis) -> Table:
-    """What the detectors of believed effects have seen."""
-    rows = tuple((it.name, sentence(it.detected)) for it in diagnosis.ranking if it.detected)
-    return Table("Seen apart from any error", ("effect", "its own detector"), rows)
 
 
 def reasons(diagnosis: Diagnosis) -> Table:

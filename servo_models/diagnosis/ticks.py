@@ -1,7 +1,4 @@
-"""What speaks for an effect apart from any error: codes of a quantiser, ticks of a hold.
-
-Both fold something at the size that a fit has found, and ask how bunched it is: readings at the
-step, and the times at which commands are answered at the period.
+"""Whether steps of a command are answered on the ticks of a hold.
 
 A step of the command waits for the next tick.  By how much each one is late follows from when it
 comes and from the period alone; a delay or a lag makes all of them late alike, and other effects
@@ -16,59 +13,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from servo_models.analysis.experiment import display
 from servo_models.core.block import DeadTime
-from servo_models.core.plant import Placement, Wire
 from servo_models.core.types import Array
 from servo_models.data.log import Log
-from servo_models.diagnosis.codes import FEWEST_CODES, MOST_CODES, NOISE_MEMORY_SAMPLES
 from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.identification.simulation import prepared
 
-DOUBTFUL_PROBABILITY = 0.05  # probability by chance above which a detector confirms nothing
-LEAST_TOLD_PROBABILITY = 1e-3  # probability below which the number itself says no more
-ROUNDING_IN_STEPS = 1e-6  # part of a step that is rounding, where a reading moves by exactly one
 LEAST_ROWS_AT_REST = 5  # rows of rest before a step of a command, and after
 LEAST_STEPS = 4  # steps of a command from which a clock is told from chance
 MOVES_IN_A_PERIOD = 12  # moves of a command per period, to find when it is answered
 RANDOM_ORDERS = 1999  # random orders that answers are compared with
 HEIGHT_ROUNDING = 1e-9  # difference of equal heights by rounding
 LEAST_ROWS_IN_A_PERIOD = 2.0  # rows below which a log is too coarse to tell when a step is answered
-
-
-@dataclass(frozen=True)
-class Codes:
-    """Readings of a quantised signal, folded at its step.
-
-    Attributes:
-        effect: the quantiser, and the wire ``reading`` that it quantises.
-        step: [SI].
-        phases: phases of the readings [steps], -0.5 to 0.5 about the codes, shape (n,).
-        stays: stay of each reading, shape (n,): from 0, the next one after a move by a step.
-    """
-
-    effect: str
-    reading: Wire
-    step: float
-    phases: Array
-    stays: NDArray[np.int64]
-
-    @property
-    def bunched(self) -> float:
-        """Length of the mean of the phases: 1 on codes, 0 anywhere.
-
-        Stays count alike, however long they are: where a reading rests a few times, any step has
-        most of its samples near codes.
-        """
-        return float(np.abs(_mean_of_stays(np.exp(2j * np.pi * self.phases), self.stays)))
-
-    @property
-    def chance(self) -> float:
-        """Probability that readings that know no codes are as bunched at any step at all
-        (Rayleigh): the step was not known beforehand (Bonferroni's bound)."""
-        independent = min(int(self.stays[-1]) + 1, len(self.phases) / NOISE_MEMORY_SAMPLES)
-        at_one_step = math.exp(-independent * self.bunched**2)
-        return min(1.0, (MOST_CODES - FEWEST_CODES) * at_one_step)
 
 
 @dataclass(frozen=True)
@@ -103,69 +59,7 @@ class Answers:
         return float((1.0 + as_high) / (1.0 + RANDOM_ORDERS))
 
 
-Signature = Codes | Answers
-
-
-def signature(fitted: FittedModel, name: str) -> Signature | None:
-    """Return the signature of an effect in the logs, None where it has none or they cannot show
-    it; ``fitted`` has it on."""
-    place = fitted.problem.model.plant.main(name)
-    if place.effect.hints.signature == "clock":
-        return _answers(fitted, name)
-    if place.effect.hints.signature == "codes":
-        return _codes(fitted, place)
-    return None
-
-
-def sentence(seen: Signature) -> str:
-    """Return a signature in words."""
-    if isinstance(seen, Codes):
-        scale, unit = display(seen.reading)
-        said = f"{seen.reading.name} bunches at codes {scale * seen.step:.3g} {unit}".rstrip()
-        said = f"{said} apart"
-    else:
-        low, high = 1e3 * float(seen.late.min()), 1e3 * float(seen.late.max())
-        said = (
-            f"{len(seen.late)} steps of the command are answered {low:.3g} to {high:.3g} ms late,"
-            f" bunched at ticks every {1e3 * seen.period:.3g} ms"
-        )
-    chance = "below 0.001" if seen.chance < LEAST_TOLD_PROBABILITY else f"{seen.chance:.1g}"
-    doubtful = ", which confirms nothing" if seen.chance > DOUBTFUL_PROBABILITY else ""
-    return f"{said}: {seen.bunched:.2f} of 1, by chance {chance}{doubtful}"
-
-
-def _codes(fitted: FittedModel, place: Placement) -> Codes | None:
-    """All readings of the quantised signal on the fitted step, None where no log has any."""
-    wire = place.on[0]
-    records = [log.outputs[wire] for log in fitted.problem.logs if wire in log.outputs]
-    if not records:
-        return None
-    step = fitted.values[place.switch]
-    turns = np.concatenate(records) / step
-    stays = _stays(turns)
-    middle = float(np.angle(_mean_of_stays(np.exp(2j * np.pi * turns), stays))) / (2.0 * np.pi)
-    phases = turns - middle - np.round(turns - middle)
-    return Codes(place.name, fitted.problem.model.plant.wire[wire], step, phases, stays)
-
-
-def _stays(turns: Array) -> NDArray[np.int64]:
-    """Number of the stay of each reading [steps]: it ends where one is a step from its first."""
-    stays, first, number = np.empty(len(turns), dtype=np.int64), turns[0], 0
-    for i, value in enumerate(turns):
-        if abs(value - first) >= 1.0 - ROUNDING_IN_STEPS:
-            first, number = value, number + 1
-        stays[i] = number
-    return stays
-
-
-def _mean_of_stays(phasors: NDArray[np.complex128], stays: NDArray[np.int64]) -> complex:
-    """Mean over stays of the mean in each."""
-    counts = np.bincount(stays)
-    sums = np.bincount(stays, phasors.real) + 1j * np.bincount(stays, phasors.imag)
-    return complex(np.mean(sums / counts))
-
-
-def _answers(fitted: FittedModel, effect: str) -> Answers | None:
+def answers(fitted: FittedModel, effect: str) -> Answers | None:
     """When steps of the command are answered beside the other effects of a fitted model.
 
     None where the hold does not act on a command, or too few steps of it, or rows, tell.
