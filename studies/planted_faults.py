@@ -29,7 +29,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeGuard
 
-from studies.constants import numbers
+from studies.weight import numbers
 
 ROOT = Path(__file__).parents[1]
 OTHER: dict[type[ast.AST], Any] = {
