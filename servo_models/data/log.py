@@ -28,6 +28,8 @@ class Channel:
         scale: SI per number in the file, with unit and sign in it.
         offset: SI value of 0 in the file.
         checked: its author has looked at unit, sign, zero and readings, so nothing is asked of it.
+        shift: time [s] that is added to its stamps.
+        after: an output was read after the command of its row was written, and may jump with it.
     """
 
     signal: str
@@ -36,6 +38,8 @@ class Channel:
     scale: float = 1.0
     offset: float = 0.0
     checked: bool = False
+    shift: float = 0.0
+    after: bool = False
 
     @property
     def told(self) -> tuple[float, str]:
@@ -108,6 +112,10 @@ class Log:
     assumed: bool = False
     unsure: Mapping[str, Array] | None = None
     between: Mask | None = None
+
+    def read_after(self, names: Iterable[str]) -> Mask:
+        """Mark signals that were read after the command of their row was written."""
+        return np.array([name in self.channels and self.channels[name].after for name in names])
 
     @property
     def duration(self) -> float:

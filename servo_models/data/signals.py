@@ -67,6 +67,7 @@ class Signal(Table):
         offset = "2 deg"
         sign = -1
         shift = "2 ms"
+        read = "after"  # or "before" the command of its row was written
         missing = -999
         outliers = "30 deg"
         table = "joint_states"
@@ -79,6 +80,7 @@ class Signal(Table):
     offset: Quantity = 0.0
     sign: Number = 1.0
     shift: Seconds = Seconds(0.0)
+    read: Literal["before", "after"] | None = None
     missing: Literal["hold", "drop"] | Number | None = None
     outliers: Quantity | None = None
     table: str = ""
@@ -230,7 +232,7 @@ def read_log(
         times, notes = late.times, [*notes, late.note]
     for kind, signals in (("inputs", inputs), ("outputs", outputs)):
         for name, signal in signals.items():
-            _check_shift(section, f"{kind}.{name}.shift", signal.shift, times)
+            _check_shift(section, f"{kind}.{name}.shift", signal.channel.shift, times)
     sent = {
         name: _staircase(m, clock, others.get(m.table), wires[name], times)
         for name, m in inputs.items()
@@ -249,7 +251,7 @@ def read_log(
     lost = np.zeros(len(times), dtype=bool)
     for m in outputs.values():
         if m.missing is not None or m.farthest is not None:
-            lost |= _moved(m.shift, times, _unread(m, clock).astype(float), hold=False) > 0.0
+            lost |= moved(m.channel.shift, times, _unread(m, clock).astype(float), hold=False) > 0.0
     rows, times = times, _with_commands(times, sent.values())
     row = np.searchsorted(rows, times, side="right") - 1
     between = times > rows[row]
@@ -421,14 +423,13 @@ def _start(section: Section, given: str | Mapping[str, Any] | None, chosen: Mode
 
 
 class Mapped(NamedTuple):
-    """A signal with the column and the table it is in; ``shift`` [s] is added to its times; the
-    number ``missing`` in the file is no reading, nor is what lies further than ``farthest`` [SI]
-    from its neighbours; an ``empty`` cell holds the value before, or its row is dropped."""
+    """A signal with the column and the table it is in; the number ``missing`` in the file is no
+    reading, nor is what lies further than ``farthest`` [SI] from its neighbours; an ``empty`` cell
+    holds the value before, or its row is dropped."""
 
     channel: Channel
     column: str | int
     table: str | None
-    shift: float = 0.0
     missing: float | None = None
     farthest: float | None = None
     empty: str | None = None
@@ -457,14 +458,14 @@ def map_signal(section: Section, name: str, wire: Wire, table: str | None) -> Ma
     offset = quantity(at, "offset", unit) if "offset" in at else 0.0
     words = unit if given.scale == 1.0 else f"{given.scale:g} {unit}"
     scale = given.sign * given.scale * to_si
-    channel = Channel(name, str(given.column), words, scale, offset * to_si, checked=given.checked)
+    when = float(given.shift), given.read == "after"
+    channel = Channel(name, str(given.column), words, scale, offset * to_si, given.checked, *when)
     farthest = to_si * quantity(at, "outliers", unit) if "outliers" in at else None
     if farthest is not None and not farthest > 0.0:
         section.fail(f"{name}.outliers", f"{given.outliers} is no distance; give one above 0")
-    shift, where = float(given.shift), given.table or table
     empty = given.missing if isinstance(given.missing, str) else None
     number = None if isinstance(given.missing, str) else given.missing
-    return Mapped(channel, given.column, where, shift, number, farthest, empty)
+    return Mapped(channel, given.column, given.table or table, number, farthest, empty)
 
 
 def in_si(mapped: Mapped, numbers: Array) -> Array:
@@ -498,7 +499,9 @@ def _mapped(
             section.fail(name, unknown(kind, name, wires))
     mapped = {name: map_signal(section, name, wires[name], table) for name in section}
     for name, signal in mapped.items():
-        for key, said in (("missing", signal.missing), ("outliers", signal.farthest)):
+        after = signal.channel.after or None
+        of_readings = {"missing": signal.missing, "outliers": signal.farthest, "read": after}
+        for key, said in of_readings.items():
             if kind == "input" and said is not None:
                 section.fail(f"{name}.{key}", f"an input has a value in every row; leave {key} out")
     return mapped
@@ -542,7 +545,7 @@ def _staircase(
             f"{cure if unit else '; or it is another column: two may be swapped'}"
         )
     check_size(mapped, source.columns, source.rows, values, wire)
-    return instants + mapped.shift, values
+    return instants + mapped.channel.shift, values
 
 
 def _held(instants: Array, times: Array) -> NDArray[np.int64]:
@@ -565,14 +568,15 @@ def _output(mapped: Mapped, clock: Clock, times: Array, wire: Wire) -> Array:
     """An output in SI at the times of the log, after its shift."""
     values = _read(mapped, clock, times, wire)
     check_size(mapped, clock.columns, clock.rows, values, wire)
-    moved = _moved(mapped.shift, times, values, wire.flag)
-    if not wire.flag and np.ptp(moved) < LEAST:
-        which = f", in what a shift of {mapped.shift:g} s leaves of it" if np.ptp(values) else ""
+    shift = mapped.channel.shift
+    at_rows = moved(shift, times, values, wire.flag)
+    if not wire.flag and np.ptp(at_rows) < LEAST:
+        which = f", in what a shift of {shift:g} s leaves of it" if np.ptp(values) else ""
         raise UserError(
             f"{clock.columns.where(mapped.column)} is constant over the log{which}: output"
             f" '{wire.name}' says nothing; leave it out or record one that moves"
         )
-    return moved
+    return at_rows
 
 
 def _read(mapped: Mapped, clock: Clock, times: Array, wire: Wire) -> Array:
@@ -620,8 +624,8 @@ def _check_shift(section: Section, key: str, shift: float, times: Array) -> None
         )
 
 
-def _moved(shift: float, times: Array, values: Array, hold: bool) -> Array:
-    """A column whose stamps are ``shift`` [s] early, at the times of the log.
+def moved(shift: float, times: Array, values: Array, hold: bool) -> Array:
+    """Return a column whose stamps are ``shift`` [s] early, at the times of the log.
 
     What is held stays a staircase, a measured quantity is linear between samples; the ends
     go on as they are.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from servo_models.diagnosis.search.selection import Selection
 from servo_models.errors import UserError
 from servo_models.files import scratch
 from servo_models.identification.result import Accuracy, accuracy
+from servo_models.identification.simulation import at_readings
 from servo_models.validation.fmu_subject import Subject
 from servo_models.validation.host_process import Limits
 from servo_models.validation.implementation import LIMIT, difference
@@ -85,7 +87,7 @@ def confirm(fitted: Model, selection: Selection, logs: Sequence[Log]) -> Confirm
                 elif np.isfinite(out).all():
                     expected = out
                     chosen = replace(run.model, values=run.with_constants(taken.values))
-                    whole = fmu.run(chosen, run.times, inputs)
+                    whole = at_readings(partial(fmu.run, chosen), run.times, inputs, run.after)
                     out = whole[-len(run.log.times) :, run.columns]
                     off = max(off, difference(expected, out))
                 responses.append(dict(zip(run.log.outputs, np.ascontiguousarray(out.T))))

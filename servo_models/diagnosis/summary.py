@@ -34,7 +34,7 @@ from servo_models.identification.doubts import (
     together,
     with_display,
 )
-from servo_models.identification.resolution import shifted_outputs, supposed
+from servo_models.identification.resolution import supposed
 from servo_models.identification.simulation import false_starts
 from servo_models.report.numbers import listed, number, plural, prefix
 
@@ -413,7 +413,6 @@ def _about_logs(diagnosis: Diagnosis) -> Iterator[str]:
         yield from (f"log '{one.log.name}': {text}" for text in one.warnings)
     taken = diagnosis.selection.taken
     yield from false_starts(taken.problem.runs, taken.values)
-    yield from shifted_outputs(taken.problem.runs, taken.values, diagnosis.floors)
     for run in taken.problem.runs:
         yield from run.notices(taken.values)
     yield from (

@@ -25,7 +25,7 @@ from servo_models.identification.plausibility import (
     questions,
 )
 from servo_models.identification.problem import free_names
-from servo_models.identification.resolution import Blur, blurs, shifted_outputs
+from servo_models.identification.resolution import Blur, blurs
 from servo_models.identification.simulation import prepared
 from servo_models.identification.starts import false_statements, with_starts
 from servo_models.report.result import Result
@@ -145,7 +145,6 @@ def check(described: Description | str | Path, jobs: int | None = None) -> Check
         raise UserError("; ".join([str(error), *odd])) from error
     runs = [prepared(description.model, log) for log in description.logs]
     beyond = [text for run in runs for text in run.notices({})]
-    beyond += shifted_outputs(runs, {}, floors)
     hidden = blurs(description.model, description.logs, floors, {})
     told = (*odd, *beyond)
     return Check(description, audited, floors, determined, asked, told, hidden, commanded)

@@ -14,10 +14,11 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from servo_models.analysis.experiment import in_time
 from servo_models.analysis.statistics import rms
 from servo_models.core.bounds import is_outside
 from servo_models.core.plant import Plant, Wire
@@ -31,6 +32,7 @@ from servo_models.data.mistakes import Mistake
 from servo_models.data.outliers import POSITIONS
 from servo_models.data.schema import named
 from servo_models.data.sensor import outliers
+from servo_models.data.signals import moved
 from servo_models.errors import UserError
 from servo_models.identification.optimise import descend
 from servo_models.identification.problem import Problem, prior_parameters
@@ -62,6 +64,9 @@ NO_BETTER = 0.8  # error of logs as they would be right over that as they stand,
 FAR_BETTER = 0.5  # error of logs as they would be right over that as they stand, at most
 COST_TOLERANCE = 1e-3  # relative decrease of the cost that ends a trial
 MOST_STEPS = 5  # of a trial
+MOST_ROWS = 20  # rows by which an output is looked for earlier or later
+MUCH_NEARER = 0.5  # error of an output so moved over that in its own rows, at most
+LEAST_ROWS = 50  # rows of a log below which chance may prefer others
 ANSWERED = 0.05  # distance from the end of a step response over the whole, at which it is answered
 
 
@@ -112,6 +117,7 @@ def mistaken_columns(model: Model, log: Log, answer: float) -> Iterator[Mistake]
         pairs = _compared(model, log)
     told += [*_about_rates(log, pairs)] or _about_units(model, log, pairs, answer)
     told += _about_zeros(model, log, pairs)
+    told += () if told else _about_instants(model, log, pairs)
     yield from (it for it in told if not it.is_settled(log))
 
 
@@ -502,6 +508,60 @@ def _strangeness(plant: Plant, log: Log) -> float:
     return sum(abs(math.log(span / scale)) for span, scale in spans if span > 0.0)
 
 
+# When outputs were read
+
+
+def _about_instants(model: Model, log: Log, pairs: Mapping[str, _Pair]) -> Iterator[Mistake]:
+    """Outputs that jump with the other command of their row, or are late beside the first one."""
+    for name, pair in pairs.items():
+        channel = _channel(log, name)
+
+        def changed(log: Log, name: str = name, **how: Any) -> Log:
+            return replace(
+                log, channels={**log.channels, name: replace(_channel(log, name), **how)}
+            )
+
+        other = partial(changed, after=not channel.after)
+        if _compared(model, other(log))[name].misfit < pair.misfit:
+            now, then = ("after", "before") if channel.after else ("before", "after")
+            yield Mistake(
+                f"{_column(log, name)} moves as if it was read {then} the command of its row was"
+                f' written, not {now}: give it read = "{then}"',
+                [name],
+                other,
+                everywhere=True,
+            )
+    first, *others = pairs
+    if len(log.times) < LEAST_ROWS or not others or _late(log, first, pairs[first]):
+        return
+    for name in others:
+        late = _late(log, name, pairs[name])
+        if late:
+
+            def mended(log: Log, name: str = name, shift: float = -late) -> Log:
+                hold = model.plant.wire[name].flag
+                values = moved(shift, log.times, log.outputs[name], hold)
+                return replace(log, outputs={**log.outputs, name: values})
+
+            shift = _channel(log, name).shift - late
+            yield Mistake(
+                f"{_column(log, name)} is {in_time(abs(late))} {'late' if late > 0.0 else 'early'},"
+                f" while '{first}' is not: give it shift = \"{1e3 * shift:.4g} ms\"",
+                [name],
+                mended,
+                everywhere=True,
+            )
+
+
+def _late(log: Log, name: str, pair: _Pair) -> float:
+    """By how many seconds an output has to be read earlier to be much nearer; else 0."""
+    times = log.times[outliers(log.outputs[name]) == 0.0]
+    shifts = log.interval * np.arange(-MOST_ROWS, MOST_ROWS + 1)
+    errors = [rms(moved(-it, times, pair.measured, False) - pair.response) for it in shifts]
+    best = int(np.argmin(errors))
+    return float(shifts[best]) if errors[best] < MUCH_NEARER * errors[MOST_ROWS] else 0.0
+
+
 # The nominal model beside a log
 
 
@@ -609,11 +669,20 @@ def likely(
     try:
         most = NO_BETTER * retuned(told, told.logs, workers)
     except UserError:  # as they stand they cannot be: any other reading is better
-        return tuple(asked)
-    return tuple(
-        replace(it, mistakes=tuple(m for m in it.mistakes if errors.get(m, 0.0) <= most))
-        for it in asked
-    )
+        most = np.inf
+
+    def kept(audit: Audit) -> Iterator[Mistake]:
+        """Of several readings of a column, the first of those that leave the least."""
+        said: set[tuple[str, ...]] = set()
+        for it in audit.mistakes:
+            rivals = [errors[m] for m in audit.mistakes if m in errors and m.columns == it.columns]
+            if it not in errors:
+                yield it
+            elif errors[it] <= min(most, STILL_FITS * min(rivals)) and it.columns not in said:
+                said.add(it.columns)
+                yield it
+
+    return tuple(replace(it, mistakes=tuple(kept(it))) for it in asked)
 
 
 def mended(logs: Sequence[Log], of: Log, mistake: Mistake) -> list[Log]:

@@ -15,14 +15,13 @@ simulation of draws).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from servo_models.analysis.experiment import display, in_time
-from servo_models.analysis.statistics import rms
 from servo_models.core.plant import Plant
 from servo_models.core.simulate import Model
 from servo_models.core.types import Array, Mask
@@ -31,7 +30,7 @@ from servo_models.data.clock import lost_rows
 from servo_models.data.log import Log
 from servo_models.data.sensor import reading_step
 from servo_models.errors import UserError
-from servo_models.identification.simulation import Run, prepared
+from servo_models.identification.simulation import prepared
 from servo_models.report.numbers import number, with_unit
 
 COPIES = 8  # copies of a log for each column and reason: the figure is known to a quarter
@@ -167,45 +166,6 @@ def _at(times: Array, log: Log, inputs: Mapping[str, Array]) -> Log:
     held = log.at(np.searchsorted(log.times, times, "right") - 1)
     unseen = held.held_out | ~np.isin(times, log.times)
     return replace(held, times=times, inputs=inputs, held_out=unseen)
-
-
-# Outputs that were read at another time than the first one
-
-MUCH_LESS = 0.25  # squared errors in another row over its own, below which a reading is of that one
-SEEN_FLOORS = 2.0  # error in its own row [RMS, noise floors] from which that matters
-LEAST_ROWS = 50  # rows of a log below which chance may prefer another row
-
-
-def shifted_outputs(
-    runs: Iterable[Run], values: Mapping[str, float], floors: Mapping[str, float]
-) -> Iterator[str]:
-    """Yield which outputs of a log are those of the row before or after, while the first output is
-    that of its own, one sentence each with its cure; ``values`` and ``floors`` are in SI."""
-    for run in runs:
-        log, simulated = run.log, run.outputs_or_nan(values).T
-        step = log.interval if len(log.times) > LEAST_ROWS else 0.0
-        rows = [_best_row(*pair) for pair in zip(log.outputs.values(), simulated)]
-        for (name, measured), response, row in zip(log.outputs.items(), simulated, rows):
-            left = rms(measured - response)
-            if not step or rows[0] or not row or left < SEEN_FLOORS * floors[name]:
-                continue
-            where, shift = ("before", -step) if row < 0 else ("after", step)
-            yield (
-                f"log '{log.name}': '{name}' is that of the row {where}, while"
-                f" '{next(iter(log.outputs))}' is that of its own; say so by"
-                f' shift = "{1e3 * shift:.4g} ms"'
-            )
-
-
-def _best_row(measured: Array, simulated: Array) -> int:
-    """By how many rows a simulation has to be read later, -1 to 1, to be much nearer; else 0."""
-    inner = measured[1:-1]
-    errors = {
-        row: float(np.sum((simulated[1 + row : len(simulated) - 1 + row] - inner) ** 2))
-        for row in (-1, 0, 1)
-    }
-    best = min(errors, key=lambda row: errors[row])
-    return best if errors[best] < MUCH_LESS * errors[0] else 0
 
 
 # What they leave open, as part of the covariance

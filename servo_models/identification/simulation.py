@@ -15,9 +15,9 @@ would be differences between two steps.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from threading import Lock
 from weakref import ref
 
@@ -31,7 +31,7 @@ from servo_models.core.flat import noticed
 from servo_models.core.plant import Plant
 from servo_models.core.simulate import Model, check_grid, with_output
 from servo_models.core.stop import Stop
-from servo_models.core.types import Array
+from servo_models.core.types import Array, Mask
 from servo_models.data.log import Log, Start
 from servo_models.errors import UserError
 
@@ -212,6 +212,11 @@ class Run:
         return self.beginning.held(start), tuple((int(k), float(state[k])) for k in places)
 
     @cached_property
+    def after(self) -> Mask:
+        """Outputs of the plant that the log read after the command of each row was written."""
+        return self.log.read_after(self.model.plant.outputs)
+
+    @cached_property
     def _base(self) -> Array:
         return self.model.vector
 
@@ -241,10 +246,24 @@ def _simulated(run: Run, vector: Array) -> Array:
     outputs = (
         run.beginning.simulate(vector)
         if run.beginning
-        else run.model.from_rest(vector, run.times, run.inputs, run.most_substeps(vector))
+        else at_readings(
+            partial(run.model.from_rest, vector, most=run.most_substeps(vector)),
+            *(run.times, run.inputs, run.after),
+        )
     )
     outputs.flags.writeable = False
     return outputs
+
+
+def at_readings(
+    run: Callable[[Array, Array], Array], times: Array, inputs: Array, after: Mask
+) -> Array:
+    """Return what a run reads in its rows, shape (n, outputs), with the command of the row before
+    or, ``after`` its own was written, with that one in the same state: a step of no length."""
+    if not after.any():
+        return run(times, inputs)
+    both = run(np.repeat(times, 2), np.repeat(inputs, 2, axis=0))
+    return np.where(after, both[1::2], both[::2])
 
 
 def prepared(model: Model, log: Log, steps: InternalSteps | None = None) -> Run:
@@ -347,8 +366,9 @@ class Beginning:
         if run.model.shaft:
             run.model.shaft.place(state, values)
         part, most = slice(len(run.times) - len(run.log.times), None), run.most_substeps(vector)
-        out = run.model.ran(vector, state, run.times[part][:rows], run.inputs[part][:rows], most)
-        return out, state
+        rest = partial(run.model.ran, vector, state, most=most)
+        given = run.times[part][:rows], run.inputs[part][:rows]
+        return at_readings(rest, *given, run.after), state
 
     @cached_property
     def _rows(self) -> NDArray[np.int64]:

@@ -25,7 +25,7 @@ from servo_models.diagnosis.localisation.breakdown import WORSE, Breakdown, Sums
 from servo_models.diagnosis.search.crossval import BLOCKS
 from servo_models.diagnosis.search.selection import Selection
 from servo_models.errors import UserError
-from servo_models.identification.simulation import Run
+from servo_models.identification.simulation import Run, at_readings
 
 MOMENTS = (0.0, 0.5, 1.0)  # parts of an interval after which a held wire is read; the best counts
 OFFSET = 0.01  # offset of measured wires over their range by which a drift is found out
@@ -160,7 +160,8 @@ class _Bench:
                 wires[:, i] = now + moment * (following - now) + offset * np.ptp(now)
         if len(run.times) > len(wires):
             wires = np.vstack([wires[:1], wires])
-        out = chosen.run(run.times, np.column_stack([run.inputs, wires]))
+        given, after = np.column_stack([run.inputs, wires]), log.read_after(plant.outputs)
+        out = at_readings(chosen.run, run.times, given, after)
         return np.asarray(out[-len(log.times) :, plant.outputs.index(self.name)])
 
 

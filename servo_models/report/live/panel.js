@@ -113,6 +113,7 @@ element ``live-data``.  Texts of logs and models are only ever set as text, so n
             placed: [],
             constants: {},
             stretches: [],
+            after: [],
             note: "",
         };
     }
@@ -139,7 +140,10 @@ element ``live-data``.  Texts of logs and models are only ever set as text, so n
         const p = Float64Array.from(values);
         for (const [name, value] of Object.entries(run.constants)) p[model.place.get(name)] = value;
         const of = (sets) => sets[Math.min(set, sets.length - 1)];
-        const { times, inputs } = run.settled ?? run,
+        const told = run.settled ?? run,
+            again = run.after.length ? 2 : 1, // each row before its command is written, and with it
+            times = repeated(told.times, 1, again),
+            inputs = repeated(told.inputs, model.inputs.length, again),
             rows = times.length;
         const x = program.start(p),
             out = new Float64Array(rows * width);
@@ -158,8 +162,11 @@ element ``live-data``.  Texts of logs and models are only ever set as text, so n
         if (code) {
             return { why: model.faults[code] ?? "its numbers are no longer finite" };
         }
-        const skipped = rows - run.times.length;
-        return { columns: model.outputs.map((_, k) => column(out, k, width, skipped)) };
+        const skipped = told.times.length - run.times.length,
+            place = ({ name }, k) => (run.after.includes(name) ? width + k : k);
+        return {
+            columns: model.outputs.map((it, k) => column(out, place(it, k), again * width, skipped)),
+        };
     }
 
     /* Let the engine compile a model while the reader looks: short runs, between which the page answers. */
@@ -179,6 +186,13 @@ element ``live-data``.  Texts of logs and models are only ever set as text, so n
             if (performance.now() < until) setTimeout(more);
         };
         setTimeout(more, 100);
+    }
+
+    function repeated(table, width, count) {
+        const found = new Float64Array(count * table.length);
+        for (let k = 0; k < found.length; k++)
+            found[k] = table[Math.floor(k / (count * width)) * width + (k % width)];
+        return found;
     }
 
     function column(table, k, width, skipped) {
