@@ -16,11 +16,10 @@ from typing import Any
 from xml.etree import ElementTree
 
 from servo_models.errors import UserError, printable
+from servo_models.fmu.archive import check_xml
+from servo_models.fmu.fmu import LIMITS, Fmu, Limits
 from servo_models.report.interchange import conditions
 from servo_models.validation.any_fmu.binaries import is_universal, read_binary, slices
-from servo_models.validation.any_fmu.fmu import AnyFmu
-from servo_models.validation.archive import check_xml
-from servo_models.validation.host_process import LIMITS, Limits
 from servo_models.validation.rows import FILES, Row, Validation, judged
 
 Found = tuple[str, str, list[str], bool]  # group, check, findings, and whether these are faults
@@ -86,7 +85,7 @@ def inspect(fmus: Iterable[str | Path], limits: Limits = LIMITS) -> Validation:
     """
     rows: list[Row] = []
     for path in fmus:
-        with closing(AnyFmu(path, limits)) as fmu:
+        with closing(Fmu(path, limits)) as fmu:
             for group, check, findings, faults in _findings(fmu):
                 where = (fmu.title, f"FMI {fmu.description.fmiVersion}", group)
                 count = float(len(findings))
@@ -97,13 +96,13 @@ def inspect(fmus: Iterable[str | Path], limits: Limits = LIMITS) -> Validation:
     return Validation(tuple(rows), (), conditions())
 
 
-def _told(fmu: AnyFmu, findings: Sequence[str]) -> str:
+def _told(fmu: Fmu, findings: Sequence[str]) -> str:
     shown = [fmu.clean(printable(text, 200)) for text in findings[:MOST_TOLD]]
     more = len(findings) - len(shown)
     return "; ".join(shown) + (f"; and {more} more" if more else "")
 
 
-def _findings(fmu: AnyFmu) -> Iterator[Found]:
+def _findings(fmu: Fmu) -> Iterator[Found]:
     yield from _description(fmu)
     yield from _archive(fmu)
     yield from _binaries(fmu)
@@ -113,7 +112,7 @@ def _findings(fmu: AnyFmu) -> Iterator[Found]:
 # The description
 
 
-def _description(fmu: AnyFmu) -> Iterator[Found]:
+def _description(fmu: Fmu) -> Iterator[Found]:
     from fmpy.validation import validate_fmu
 
     about, group = fmu.description, "description"
@@ -147,7 +146,7 @@ def _units(about: Any) -> list[str]:
     return [f"'{unit}' of '{name}'" for unit, name in used.items() if unit not in defined]
 
 
-def _references(fmu: AnyFmu) -> list[str]:
+def _references(fmu: Fmu) -> list[str]:
     """A reference occurs once in FMI 3.0; in 2.0 aliases share one, but only one of them is set."""
     keys: dict[Any, list[str]] = {}
     for variable in fmu.variables.values():
@@ -213,7 +212,7 @@ def _experiment(experiment: Any) -> list[str]:
 # The archive
 
 
-def _archive(fmu: AnyFmu) -> Iterator[Found]:
+def _archive(fmu: Fmu) -> Iterator[Found]:
     paths = [path for path in sorted(fmu.folder.rglob("*")) if path.is_file()]
     files = {path.relative_to(fmu.folder).as_posix(): path for path in paths}
     strays = [name for name in files if name not in AT_TOP and name.split("/")[0] not in FOLDERS]
@@ -236,7 +235,7 @@ def _is_code(path: Path) -> bool:
 # The binaries
 
 
-def _binaries(fmu: AnyFmu) -> Iterator[Found]:
+def _binaries(fmu: Fmu) -> Iterator[Found]:
     folder = fmu.folder / "binaries"
     platforms = sorted(path.name for path in folder.glob("*") if path.is_dir())
     sources = (fmu.folder / "sources").is_dir()
@@ -258,7 +257,7 @@ def _binaries(fmu: AnyFmu) -> Iterator[Found]:
         yield from _library(fmu, name, path)
 
 
-def _library(fmu: AnyFmu, platform: str, path: Path) -> Iterator[Found]:
+def _library(fmu: Fmu, platform: str, path: Path) -> Iterator[Found]:
     content = path.read_bytes()
     try:
         parts = slices(content) if is_universal(content) else [content]
@@ -290,7 +289,7 @@ def _library(fmu: AnyFmu, platform: str, path: Path) -> Iterator[Found]:
         yield platform, "token", unheard, False
 
 
-def _needed(fmu: AnyFmu) -> list[str]:
+def _needed(fmu: Fmu) -> list[str]:
     """Functions that a host calls, by what the description says."""
     three, prefix = fmu.is_fmi3, "fmi3" if fmu.is_fmi3 else "fmi2"
     names = [*ALWAYS, *ONLY[three]]
@@ -308,7 +307,7 @@ def _needed(fmu: AnyFmu) -> list[str]:
 # The sources
 
 
-def _sources(fmu: AnyFmu) -> Iterator[Found]:
+def _sources(fmu: Fmu) -> Iterator[Found]:
     folder = fmu.folder / "sources"
     if not folder.is_dir():
         return
@@ -324,7 +323,7 @@ def _sources(fmu: AnyFmu) -> Iterator[Found]:
     yield "sources", "files that are listed", none, True
 
 
-def _listed(fmu: AnyFmu, folder: Path) -> list[str]:
+def _listed(fmu: Fmu, folder: Path) -> list[str]:
     """Names of source files, by the description or, in FMI 3.0, by that of the build."""
     path = folder / "buildDescription.xml" if fmu.is_fmi3 else fmu.folder / "modelDescription.xml"
     check_xml(path)
