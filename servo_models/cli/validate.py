@@ -17,7 +17,7 @@ from servo_models.cli.options import (
     write_result,
 )
 from servo_models.errors import UserError
-from servo_models.validation.host_process import LIMITS, Limits
+from servo_models.fmu.fmu import LIMITS, Limits
 
 if TYPE_CHECKING:
     from servo_models.validation.any_fmu.experiment import Against

@@ -15,10 +15,10 @@ from servo_models.data.log import Log
 from servo_models.diagnosis.search.selection import Selection
 from servo_models.errors import UserError
 from servo_models.files import scratch
+from servo_models.fmu.fmu import Limits
 from servo_models.identification.result import Accuracy, accuracy
 from servo_models.identification.simulation import at_readings
 from servo_models.validation.fmu_subject import Subject
-from servo_models.validation.host_process import Limits
 from servo_models.validation.implementation import LIMIT, difference
 
 OWN = Limits(seconds=1e6, megabytes=1e5)  # no limit in effect: our own FMU, maybe a long log

@@ -15,10 +15,10 @@ import numpy as np
 
 from servo_models.core.types import Array
 from servo_models.errors import UserError
+from servo_models.fmu.child import Pool
+from servo_models.fmu.fmu import Fmu
 from servo_models.foreign.box import Signal, name_of
-from servo_models.foreign.child import Pool
 from servo_models.units import factor
-from servo_models.validation.any_fmu.fmu import AnyFmu
 
 STEP, STOP = 1e-3, 1.0  # s, where the description has no default experiment
 FULL = {"rad": np.pi / 2.0, "deg": 90.0, "rad/s": 10.0, "m": 0.1, "V": 12.0, "N.m": 1.0}
@@ -67,14 +67,14 @@ class FmuBox:
         start = {self._names[name]: value for name, value in parameters.items()}
         outputs = [self._names[one.name] for one in self.outputs]
         with self._fmus.one() as fmu:
-            found = fmu.run(even, named, outputs, start)
+            found = fmu.simulate(even, named, outputs, start)
         if not np.isfinite(found).all():
             row = int(np.argmin(np.isfinite(found).all(axis=1)))
             raise UserError(f"FMU '{self.path.name}' gives no number at t = {even[row]:g} s")
         return np.column_stack([np.interp(times, even, column) for column in found.T])
 
-    def _unpacked(self) -> AnyFmu:
-        fmu = AnyFmu(self.path)
+    def _unpacked(self) -> Fmu:
+        fmu = Fmu(self.path)
         weakref.finalize(self, fmu.close)  # its process and its unpacked files
         return fmu
 

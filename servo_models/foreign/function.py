@@ -26,8 +26,8 @@ from servo_models.core.own_actuator import executed
 from servo_models.core.types import Array
 from servo_models.errors import UserError, did_you_mean, told_at
 from servo_models.files import read_regular
+from servo_models.fmu.child import SECONDS, Child, Pool
 from servo_models.foreign.box import Signal, name_of
-from servo_models.foreign.child import SECONDS, Child, Pool
 from servo_models.units import base_unit, parse
 
 STEP, STOP = 1e-3, 1.0  # s, where the file says nothing

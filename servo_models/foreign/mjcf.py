@@ -18,8 +18,8 @@ import numpy as np
 from servo_models.core.types import Array
 from servo_models.data.readers.columns import extra
 from servo_models.errors import UserError, did_you_mean
+from servo_models.fmu.child import SECONDS, Child, Pool
 from servo_models.foreign.box import Signal, name_of
-from servo_models.foreign.child import SECONDS, Child, Pool
 
 STOP = 2.0  # s, of an experiment that shows what it does
 HINGE = 3  # mjtJoint.mjJNT_HINGE

@@ -20,7 +20,7 @@ from typing import Any
 from servo_models.data.readers.columns import extra
 from servo_models.errors import UserError
 from servo_models.files import scratch
-from servo_models.foreign.child import Child
+from servo_models.fmu.child import Child
 from servo_models.survey.job import Done, Job, failed, run
 from servo_models.survey.store import digest, files_of
 

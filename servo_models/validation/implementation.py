@@ -13,7 +13,7 @@ from fmu_src.native.archive import form_of
 from servo_models.core.simulate import Model
 from servo_models.core.types import Array
 from servo_models.errors import UserError
-from servo_models.validation.archive import DESCRIPTION
+from servo_models.fmu.archive import DESCRIPTION
 from servo_models.validation.fmu_subject import Subject
 from servo_models.validation.rows import IMPLEMENTATION, Row, failure, judged
 

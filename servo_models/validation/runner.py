@@ -20,14 +20,13 @@ from servo_models.core.plant import Actuator
 from servo_models.core.simulate import Model, model
 from servo_models.errors import UserError
 from servo_models.files import scratch
+from servo_models.fmu.fmu import LIMITS, Fmu, Limits
 from servo_models.report.interchange import conditions
 from servo_models.validation.any_fmu.comparison import Compared
 from servo_models.validation.any_fmu.experiment import Against, has_its_own
-from servo_models.validation.any_fmu.fmu import AnyFmu
 from servo_models.validation.any_fmu.reference_check import ReferenceCheck, check_against
 from servo_models.validation.cases import Case, all_cases, offered
 from servo_models.validation.fmu_subject import Subject
-from servo_models.validation.host_process import LIMITS, Limits
 from servo_models.validation.implementation import implementation_rows
 from servo_models.validation.responses import cost_curve, named_cases, plain_row, response_rows
 from servo_models.validation.rows import MODEL, CostCurve, Row, Validation, failure
@@ -153,7 +152,7 @@ def _ours(
 
 def _carries_reference(path: Path, limits: Limits) -> bool:
     try:
-        with closing(AnyFmu(path, limits)) as fmu:
+        with closing(Fmu(path, limits)) as fmu:
             return has_its_own(fmu)
     except UserError:  # the first complaint is the one to tell
         return False

@@ -11,7 +11,7 @@ import pytest
 
 from servo_models.cli import main
 from servo_models.errors import UserError
-from servo_models.foreign.child import Child
+from servo_models.fmu.child import Child
 
 PRINTS_FOR_EVER = """
 import sys
@@ -25,7 +25,7 @@ WORKS_FOR_EVER = """
 import time
 from functools import partial
 from threading import Thread
-from servo_models.foreign.child import Child
+from servo_models.fmu.child import Child
 child = Child(partial, (time.sleep, 600.0), 600.0, "the call")
 Thread(target=child).start()
 while child._process is None:
@@ -53,10 +53,10 @@ def test_a_child_that_is_gone_does_not_end_a_command(capsys: pytest.CaptureFixtu
     main(["list"])
     child = Child(_answers, (), 30.0, "the child")
     assert child(-1) == 1
-    child.close()
     assert child._process is not None
+    child._process.kill()
     child._process.wait(30)
-    with pytest.raises(UserError, match="ended its process"):
+    with pytest.raises(UserError, match=r"ends the process by signal 9 \(Killed\)"):
         child(-1)
     assert child(-2) == 2
 

@@ -26,7 +26,7 @@ from servo_models.core.compilers import (
 )
 from servo_models.errors import UserError
 from servo_models.files import cache_folder
-from servo_models.validation.any_fmu.binaries import read_binary, slices
+from tests.support.binaries import read_binary, slices
 
 EXPORT = """
 #ifdef _WIN32

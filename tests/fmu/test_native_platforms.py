@@ -13,7 +13,7 @@ from servo_models.build import NATIVE, NATIVE_ARM, build
 from servo_models.core.catalogue import actuators
 from servo_models.core.compilers import zig
 from servo_models.core.simulate import model
-from servo_models.validation.any_fmu.binaries import read_binary, slices
+from tests.support.binaries import read_binary, slices
 
 pytestmark = [
     pytest.mark.thorough,

@@ -268,7 +268,7 @@ def test_a_servo_of_another_kind_moves_as_the_position_servo(
 
 
 WRONG = {
-    "crash": ("import os\n    os._exit(3)", "ended its process (exit code 3)"),
+    "crash": ("import os\n    os._exit(3)", "ends the process with exit code 3"),
     "hang": ("while True: pass", "does not answer within"),
     "raise": ("raise ValueError('no such gear')", "ValueError: no such gear"),
     "shape": ("return {'angle': [1.0, 2.0]}", "of shape (2,)"),

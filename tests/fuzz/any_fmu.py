@@ -23,9 +23,9 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from servo_models.errors import UserError
+from servo_models.fmu.fmu import LIMITS
 from servo_models.validation.any_fmu.experiment import Against
 from servo_models.validation.any_fmu.reference_check import ReferenceCheck, check_against
-from servo_models.validation.host_process import LIMITS
 from tests.support.foreign_faults import FAULTS
 from tests.support.foreign_fmus import FOREIGN, Array, Foreign, table
 

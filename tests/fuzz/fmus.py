@@ -158,12 +158,11 @@ DEEDS = {
         "    try: os.write(number, b'{\"result\": null}\\n' * 99)\n    except OSError: pass"
     ),
     "answers in place of its host": (
-        "import json\njson.dump = lambda content, file: file.write("
-        "json.dumps({**content, 'result': None}))"
+        "import pickle\npickle.dump = lambda content, file: file.write(pickle.dumps((False, None)))"
     ),
     "answers in texts in place of its host": (
-        "import json\njson.dump = lambda content, file: file.write("
-        "json.dumps({**content, 'result': [['nan']]}))"
+        "import pickle\npickle.dump = lambda content, file: file.write("
+        "pickle.dumps((False, [['nan']])))"
     ),
     "recurs for ever": "(lambda f: f(f))(lambda f: f(f))",
     "has children": "import os, time\nfor _ in range(5): os.fork()\ntime.sleep(1e6)",

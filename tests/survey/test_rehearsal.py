@@ -12,7 +12,7 @@ import pytest
 
 from servo_models import read_description
 from servo_models.errors import UserError
-from servo_models.foreign.child import Child
+from servo_models.fmu.child import Child
 from servo_models.survey.rehearsal.rehearse import (
     AMONG,
     CANNOT_SHOW,

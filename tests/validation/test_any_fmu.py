@@ -18,10 +18,10 @@ from hypothesis import strategies as st
 
 from servo_models.core.types import Array
 from servo_models.errors import UserError
+from servo_models.fmu.fmu import LIMITS, Limits
 from servo_models.validation.any_fmu.comparison import Compared, Trace, allowed, compare
 from servo_models.validation.any_fmu.experiment import Against, Experiment
 from servo_models.validation.any_fmu.reference_check import ReferenceCheck, check_against
-from servo_models.validation.host_process import LIMITS, Limits
 from servo_models.validation.runner import validate
 from tests.conftest import Run
 from tests.support.archives import with_description

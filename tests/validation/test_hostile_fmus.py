@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import zipfile
@@ -10,10 +11,10 @@ from pathlib import Path
 import pytest
 
 from servo_models.core.own_actuator import load_actuator
+from servo_models.core.workers import python
 from servo_models.errors import UserError
-from servo_models.validation import bare_host
+from servo_models.fmu.fmu import Limits
 from servo_models.validation.any_fmu.static import inspect
-from servo_models.validation.host_process import Limits
 from servo_models.validation.rows import Validation
 from servo_models.validation.runner import validate
 from tests.fuzz.fmus import Case, cases, judge, made_good
@@ -126,17 +127,17 @@ def test_the_command_ends_and_leaves_nothing(ground: Ground) -> None:
     assert outcome.code == 1
 
 
-def test_the_host_has_the_standard_library_only() -> None:
-    """What is installed beside it would serve a slave that lacks its own."""
-    script = "import sys; sys.path.append('x'); import runpy; print([p for p in sys.path])"
-    command = [sys.executable, "-I", "-S", "-c", script]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert "site-packages" not in done.stdout
-    probe = "import importlib.util as u; print(u.find_spec('pythonfmu'), u.find_spec('numpy'))"
-    done = subprocess.run([*command[:-1], probe], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["None", "None"]
-    loaded = [sys.executable, "-I", "-S", bare_host.__file__]
-    assert subprocess.run(loaded, input=b"", check=False).returncode == 0
+def test_an_fmu_finds_the_standard_library_and_the_environment_of_a_host(tmp_path: Path) -> None:
+    """What is installed or imported beside it would serve a slave that lacks its own."""
+    probe = (
+        "import fmpy, importlib.util as u, os; from servo_models.fmu.host import shut_in;"
+        f"shut_in({str(tmp_path)!a}, 4096.0);"
+        "print([it for it in ('pythonfmu', 'numpy', 'fmpy', 'servo_models') if u.find_spec(it)],"
+        "u.find_spec('sqlite3') is not None, os.getcwd(), os.environ.get('SECRET'))"
+    )
+    secret = {**os.environ, "SECRET": "x"}
+    done = subprocess.run(python(probe), env=secret, capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["[]", "True", str(tmp_path), "None"]
 
 
 @pytest.mark.thorough

@@ -18,11 +18,11 @@ from servo_models.core.types import Array
 from servo_models.data.readers import read_columns
 from servo_models.errors import UserError, did_you_mean
 from servo_models.files import write_whole
+from servo_models.fmu.archive import check_xml
+from servo_models.fmu.fmu import Fmu, Variable
 from servo_models.units import factor
 from servo_models.validation.any_fmu.comparison import Trace
-from servo_models.validation.any_fmu.fmu import AnyFmu, Variable
 from servo_models.validation.any_fmu.tolerance import Tolerance, read_tolerance
-from servo_models.validation.archive import check_xml
 
 OWN = Path("extra") / "org.fmi-standard.fmi-ls-ref"
 """Folder of an FMU's own reference (FMI-LS-REF 1.0.0-alpha.1, section 2.4)."""
@@ -139,7 +139,7 @@ def _even(start: float, stop: float, step: float, any_step: bool) -> Array:
     return np.append(start + step * np.arange(int(count) + 1), stop)
 
 
-def experiments(fmu: AnyFmu, against: Against) -> list[Experiment]:
+def experiments(fmu: Fmu, against: Against) -> list[Experiment]:
     """Return what an FMU is compared with, one or more of its own experiments.
 
     Raises:
@@ -166,12 +166,12 @@ def experiments(fmu: AnyFmu, against: Against) -> list[Experiment]:
     return chosen
 
 
-def has_its_own(fmu: AnyFmu) -> bool:
+def has_its_own(fmu: Fmu) -> bool:
     """Whether an FMU carries a reference."""
     return (fmu.folder / OWN).is_dir()
 
 
-def _with(experiment: Experiment, tolerance: Tolerance, fmu: AnyFmu) -> Experiment:
+def _with(experiment: Experiment, tolerance: Tolerance, fmu: Fmu) -> Experiment:
     inputs = {
         name: replace(trace, held=trace.held or tolerance.hold)
         for name, trace in experiment.inputs.items()
@@ -194,12 +194,12 @@ def _check_start(variable: Variable, value: Any, place: str) -> None:
 # Tables
 
 
-def _of_files(fmu: AnyFmu, reference: Path, inputs: Path | None) -> Experiment:
+def _of_files(fmu: Fmu, reference: Path, inputs: Path | None) -> Experiment:
     fed = _table(fmu, inputs, "inputs") if inputs else {}
     return Experiment(f"'{reference}'", _table(fmu, reference, "reference"), fed)
 
 
-def _table(fmu: AnyFmu, path: Path, role: str) -> dict[str, Trace]:
+def _table(fmu: Fmu, path: Path, role: str) -> dict[str, Trace]:
     """Read times and curves; the first column is time."""
     columns = read_columns(path, header=True)
     if len(columns.names) < 2:
@@ -234,7 +234,7 @@ def _table(fmu: AnyFmu, path: Path, role: str) -> dict[str, Trace]:
     return traces
 
 
-def _heading(fmu: AnyFmu, place: str, header: str) -> tuple[str, float]:
+def _heading(fmu: Fmu, place: str, header: str) -> tuple[str, float]:
     """Name of a column, and the factor that brings its values to the unit of the FMU."""
     header = header.strip()
     match = re.fullmatch(r"(.*?)\s*[\[(]\s*([^\[\]]+?)\s*[\])]", header)
@@ -258,7 +258,7 @@ def _heading(fmu: AnyFmu, place: str, header: str) -> tuple[str, float]:
 # Cross-Check
 
 
-def _of_cross_check(fmu: AnyFmu, folder: Path) -> Experiment:
+def _of_cross_check(fmu: Fmu, folder: Path) -> Experiment:
     """Read ``<model>_ref.csv``, ``<model>_ref.opt`` and ``<model>_in.csv`` of a folder."""
     model = fmu.path.stem
     if not folder.is_dir():
@@ -306,7 +306,7 @@ def _options(path: Path) -> dict[str, float]:
 
 
 def write_cross_check(
-    fmu: AnyFmu, experiment: Experiment, times: Array, outputs: Mapping[str, Array], folder: Path
+    fmu: Fmu, experiment: Experiment, times: Array, outputs: Mapping[str, Array], folder: Path
 ) -> None:
     """Write an experiment as a Cross-Check has it, and the outputs as ``<model>_out.csv``."""
     model = fmu.path.stem
@@ -332,7 +332,7 @@ def _write_table(path: Path, traces: Mapping[str, Trace]) -> None:
 # FMI-LS-REF
 
 
-def _of_its_own(fmu: AnyFmu, inputs: Path | None) -> list[Experiment]:
+def _of_its_own(fmu: Fmu, inputs: Path | None) -> list[Experiment]:
     manifest = fmu.folder / OWN / MANIFEST
     if not manifest.is_file():
         raise UserError(
@@ -351,7 +351,7 @@ def _of_its_own(fmu: AnyFmu, inputs: Path | None) -> list[Experiment]:
     return listed
 
 
-def _read_manifest(fmu: AnyFmu, manifest: Path, inputs: Path | None) -> Iterator[Experiment]:
+def _read_manifest(fmu: Fmu, manifest: Path, inputs: Path | None) -> Iterator[Experiment]:
     """Experiments with references, in the manifest and in the files that it names."""
     root = _xml(manifest)
     named = [(manifest, element) for element in root.iter("Experiment")]
@@ -373,7 +373,7 @@ def _xml(path: Path) -> ElementTree.Element:
     return ElementTree.parse(path).getroot()
 
 
-def _inside(fmu: AnyFmu, beside: Path, source: str) -> Path:
+def _inside(fmu: Fmu, beside: Path, source: str) -> Path:
     """The file that a relative URI names."""
     path = (beside.parent / source).resolve()
     if not path.is_relative_to(fmu.folder.resolve()) or not path.is_file():
@@ -382,7 +382,7 @@ def _inside(fmu: AnyFmu, beside: Path, source: str) -> Path:
 
 
 def _of_element(
-    fmu: AnyFmu, file: Path, element: ElementTree.Element, inputs: Path | None
+    fmu: Fmu, file: Path, element: ElementTree.Element, inputs: Path | None
 ) -> Experiment | None:
     references, stimuli = element.find("References"), element.find("Stimuli")
     if references is None:
@@ -415,7 +415,7 @@ def _of_element(
     )
 
 
-def _parameters(fmu: AnyFmu, path: Path) -> dict[str, Any]:
+def _parameters(fmu: Fmu, path: Path) -> dict[str, Any]:
     """Read the values of an SSV file, in the units of the FMU."""
     values: dict[str, Any] = {}
     for element in _xml(path).iter():

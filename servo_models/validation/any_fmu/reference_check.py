@@ -12,6 +12,7 @@ import numpy as np
 
 from servo_models.core.types import Array
 from servo_models.errors import UserError
+from servo_models.fmu.fmu import Fmu, FmuError, Limits
 from servo_models.report.numbers import number, plain, with_unit
 from servo_models.validation.any_fmu.comparison import (
     Allowed,
@@ -26,9 +27,6 @@ from servo_models.validation.any_fmu.experiment import (
     experiments,
     write_cross_check,
 )
-from servo_models.validation.any_fmu.fmu import AnyFmu
-from servo_models.validation.fmu_subject import FmuError
-from servo_models.validation.host_process import Limits
 from servo_models.validation.rows import REFERENCE, Row, failure, judged
 
 HALF = "difference at half the communication step"
@@ -48,7 +46,7 @@ def check_against(path: Path, against: Against, limits: Limits) -> ReferenceChec
     Raises:
         UserError: an FMU that cannot be read, no reference, or files that cannot be used.
     """
-    with closing(AnyFmu(path, limits)) as fmu:
+    with closing(Fmu(path, limits)) as fmu:
         if fmu.over:
             raise UserError(f"FMU '{path}' {fmu.over}: look at its files with --static-only")
         checks = [_Run(fmu, chosen).checked(against) for chosen in experiments(fmu, against)]
@@ -61,7 +59,7 @@ def check_against(path: Path, against: Against, limits: Limits) -> ReferenceChec
 class _Run:
     """One experiment with one FMU."""
 
-    def __init__(self, fmu: AnyFmu, experiment: Experiment) -> None:
+    def __init__(self, fmu: Fmu, experiment: Experiment) -> None:
         self.fmu, self.experiment = fmu, experiment
         self.times = experiment.times(fmu.any_step)
         self.step = float(np.median(np.diff(self.times)))
@@ -88,7 +86,7 @@ class _Run:
 
     def _run(self, times: Array, inputs: Mapping[str, Array]) -> Array:
         experiment = self.experiment
-        return self.fmu.run(times, inputs, self.outputs, experiment.values, experiment.solver)
+        return self.fmu.simulate(times, inputs, self.outputs, experiment.values, experiment.solver)
 
     def _allowed(self, name: str) -> Allowed:
         right = self._reference(name)

@@ -1,4 +1,4 @@
-/* The steps of an FMU over a table of rows, by calls of FMI 2.0 or 3.0: what bare_host.py does in
+/* The steps of an FMU over a table of rows, by calls of FMI 2.0 or 3.0: what host.py does in
    Python, where each call takes longer than the step. */
 #include <stdbool.h>
 #include <stddef.h>

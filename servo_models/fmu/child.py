@@ -10,17 +10,18 @@ import os
 import pickle
 import signal
 import subprocess
+import sys
 import threading
 import weakref
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from queue import SimpleQueue
+from contextlib import contextmanager, suppress
+from queue import Empty, SimpleQueue
 from typing import Any, BinaryIO, Generic, TypeVar
 
 from servo_models.core.workers import python
 from servo_models.errors import UserError
 
-SERVE = "from servo_models.foreign.child import serve; serve()"
+SERVE = "from servo_models.fmu.child import serve; serve()"
 SECONDS = 60.0  # s that one run may take
 GRACE = 5.0  # s that a process may take to end
 T = TypeVar("T")
@@ -48,6 +49,14 @@ class Pool(Generic[T]):
             self._idle.append(lent)
 
 
+class ChildError(UserError):
+    """A call that failed: ``why``, and whether its process has ``ended``."""
+
+    def __init__(self, text: str, why: str, ended: bool) -> None:
+        super().__init__(text)
+        self.why, self.ended = why, ended
+
+
 class Child:
     """A function, called in another process, one call at a time.
 
@@ -69,58 +78,92 @@ class Child:
     ) -> None:
         self.begin, self.seconds, self.what, self.cure = (make, arguments), seconds, what, cure
         self._process: subprocess.Popen[bytes] | None = None
+        self._exchange = threading.Thread()
 
     def __call__(self, *given: Any) -> Any:
         """Return what the function returns.
 
         Raises:
-            UserError: it raised, ended its process or took too long.
+            ChildError: it raised, ended its process or took too long.
         """
-        process = self._running()
-        late = threading.Event()
-        timer = threading.Timer(self.seconds, _end, (late, process))
-        timer.start()
+        process, answers = self._running(), SimpleQueue[tuple[str, Any]]()
+        words = (process, pickle.dumps(given), answers)
+        # a daemon: what the function has started may hold the pipe open for ever
+        self._exchange = threading.Thread(target=_exchanged, args=words, daemon=True)
+        self._exchange.start()
         try:
-            pickle.dump(given, process.stdin)
-            process.stdin.flush()
-            raised, answer = pickle.load(process.stdout)  # from a process that we started
-        except (EOFError, OSError, pickle.UnpicklingError) as error:
-            code = process.wait(GRACE)
-            self._process = None
-            if late.is_set():
-                why = f"does not answer within {self.seconds:g} s: {self.cure}"
-            else:
-                why = f"ended its process (exit code {code})"
-            raise UserError(f"{self.what} {why}") from error
+            told, answer = answers.get(timeout=self.seconds)
+        except Empty:
+            cure = f": {self.cure}" if self.cure else ""
+            told, answer = "late", f"does not answer within {self.seconds:g} s{cure}"
         except BaseException:  # Ctrl-C: what it answers later is no answer to the next call
             self.close()
-            self._process = None
             raise
-        finally:
-            timer.cancel()
-        if raised:
-            raise UserError(f"{self.what} fails: {answer}")
-        return answer
+        if told == "returned":
+            return answer
+        if told == "raised":
+            raise ChildError(f"{self.what} fails: {answer}", answer, ended=False)
+        self.close()
+        raise ChildError(f"{self.what} {answer}", answer, ended=True)
 
     def close(self) -> None:
-        """End the process, also in the middle of a call."""
-        if self._process is not None:
-            self._process.kill()
+        """End the process and what it has started, also in the middle of a call."""
+        process, self._process = self._process, None
+        if process is None:
+            return
+        self._end()
+        if self._exchange.ident:
+            self._exchange.join(GRACE)
+        if not self._exchange.is_alive():
+            for pipe in (process.stdin, process.stdout):
+                with suppress(OSError):  # what was not sent yet goes nowhere
+                    pipe.close()  # type: ignore[union-attr]
 
     def _running(self) -> Any:
         if self._process is None:
             process: Any = subprocess.Popen(
-                python(SERVE), stdin=subprocess.PIPE, stdout=subprocess.PIPE
+                python(SERVE),
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                start_new_session=True,
             )
-            weakref.finalize(self, process.kill)
+            self._end = weakref.finalize(self, _ended, process)
             pickle.dump(self.begin, process.stdin)
             self._process = process
         return self._process
 
 
-def _end(late: threading.Event, process: subprocess.Popen[bytes]) -> None:
-    late.set()
-    process.kill()
+def _exchanged(process: Any, request: bytes, answers: SimpleQueue[tuple[str, Any]]) -> None:
+    """Send a request, and put what came of it with a word for its kind."""
+    try:
+        process.stdin.write(request)
+        process.stdin.flush()
+        raised, answer = pickle.load(process.stdout)  # from a process that we started
+        answers.put(("raised" if raised else "returned", answer))
+    except (EOFError, OSError):
+        answers.put(("gone", _last_word(process)))
+    except Exception:  # it wrote into the pipe by chance
+        answers.put(("unclear", "gives an answer that is none"))
+
+
+def _last_word(process: subprocess.Popen[bytes]) -> str:
+    """How a process with a closed pipe ended."""
+    try:
+        code = process.wait(GRACE)
+    except subprocess.TimeoutExpired:
+        return "closes the pipe to its host"
+    if code >= 0:
+        return f"ends the process with exit code {code}"
+    return f"ends the process by signal {-code} ({signal.strsignal(-code)})"
+
+
+def _ended(process: subprocess.Popen[bytes]) -> None:
+    if sys.platform == "win32":
+        process.kill()
+    else:
+        with suppress(ProcessLookupError, PermissionError):
+            os.killpg(process.pid, signal.SIGKILL)  # with what it has started
+    process.wait()
 
 
 def _listen(calls: BinaryIO, waiting: SimpleQueue[tuple[Any, ...]]) -> None:
@@ -147,6 +190,8 @@ def serve() -> None:
         try:
             function = function or make(*arguments)
             answer = (False, function(*given))
+        except UserError as error:
+            answer = (True, str(error))
         except Exception as error:  # whatever a person's file may raise
             answer = (True, f"{type(error).__name__}: {error}")
         pickle.dump(answer, answers)

@@ -1,0 +1,1 @@
+"""Any FMU: unpacked within limits, and run on FMPy in a process of its own."""
