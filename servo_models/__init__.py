@@ -29,7 +29,9 @@ if TYPE_CHECKING:
     from servo_models.analysis.explain import explain, overview
     from servo_models.analysis.figures import figures
     from servo_models.analysis.linearise import linearise
+    from servo_models.analysis.simulate import Result, simulate
     from servo_models.build import build
+    from servo_models.catalogue import actuator, model
     from servo_models.core.block import (
         Ambiguity,
         Bench,
@@ -48,9 +50,8 @@ if TYPE_CHECKING:
         block,
         effect,
     )
-    from servo_models.core.catalogue import actuator, effects_on
     from servo_models.core.plant import Actuator, Plant, State, Variant, Wire, place
-    from servo_models.core.simulate import Model, Result, model, simulate
+    from servo_models.core.simulate import Model
     from servo_models.data.arrays import describe
     from servo_models.data.description import Description, read_description
     from servo_models.data.parameters import ParameterSet, read_parameters, write_parameters
@@ -58,6 +59,7 @@ if TYPE_CHECKING:
     from servo_models.data.tables import read_inputs, read_signals, write_signals
     from servo_models.diagnosis.diagnose import diagnose
     from servo_models.diagnosis.settings import Settings
+    from servo_models.effects import effects_on
     from servo_models.errors import UserError
     from servo_models.identification.check import check
     from servo_models.identification.identify import identify

@@ -18,10 +18,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from servo_models.analysis.simulate import simulate
 from servo_models.analysis.statistics import rms
 from servo_models.core.bounds import is_outside
 from servo_models.core.plant import Plant, Wire
-from servo_models.core.simulate import Model, simulate
+from servo_models.core.simulate import Model
 from servo_models.core.types import Array
 from servo_models.core.workers import ALONE, Workers
 from servo_models.data.audit import Audit, audits, noise_floors

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from servo_models.core.simulate import model
+from servo_models.catalogue import model
 from servo_models.diagnosis.search.fitting import FittedModel, Fitter
 from servo_models.diagnosis.sections import pictures
 from servo_models.diagnosis.signatures import (
