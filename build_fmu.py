@@ -63,10 +63,9 @@ def main() -> int:
     chosen = options()
     bootstrap.ensure("", needs="pythonfmu")
     from servo_models.build import NATIVE_ARM, kinds_for, path_of
+    from servo_models.catalogue import actuators, model
     from servo_models.cli import main as command
     from servo_models.cli.options import chosen_model
-    from servo_models.core.catalogue import actuators
-    from servo_models.core.simulate import model
 
     build = ["build", "--out", chosen.out]
     build += [chosen.actuator] if chosen.actuator else []

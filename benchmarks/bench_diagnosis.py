@@ -34,7 +34,8 @@ from pathlib import Path
 
 import numpy as np
 
-from servo_models.core.simulate import model, simulate
+from servo_models.analysis.simulate import simulate
+from servo_models.catalogue import model
 from servo_models.core.types import Array
 from servo_models.diagnosis.diagnose import diagnose
 from servo_models.diagnosis.search.candidates import candidates

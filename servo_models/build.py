@@ -29,7 +29,7 @@ def build(model: Model, path: str | Path, kind: str = PYTHON) -> Path:
     with it.
 
     Args:
-        model: from ``servo_models.core.simulate.model``.
+        model: from ``servo_models.model``.
         path: file to write, ending in ``.fmu``; its folder is made.
         kind: ``python``, for hosts with a Python library; ``native``, compiled C for any host, on
             every platform where the extra ``native`` is installed, else on this one;

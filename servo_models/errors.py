@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import difflib
+import importlib
 import re
 import unicodedata
 from collections.abc import Iterable, Iterator
+from typing import Any
 
 LONGEST = 1000  # characters of an error: of more the middle is left out
 MOST_MEANT = 4  # names that are suggested at once
@@ -68,3 +70,14 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 def _words(name: str) -> str:
     """``drive_dead_zone.half_width`` as words with spaces between them."""
     return " ".join(re.findall(r"[a-z0-9]+", name.lower()))
+
+
+def extra(name: str, module: str) -> Any:
+    """Return the module of a library that only the extra ``name`` brings."""
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        raise UserError(
+            f"the library '{module.partition('.')[0]}' is not installed: pip install"
+            f" 'servo-models[{name}]'"
+        ) from error

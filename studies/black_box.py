@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from servo_models import build, diagnose, read_description
-from servo_models.core.catalogue import effects
+from servo_models.effects import effects
 from servo_models.files import scratch
 from servo_models.withheld.score import share
 

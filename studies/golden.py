@@ -49,7 +49,7 @@ from unittest.mock import patch
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # a process a processor is all there is
 
-from servo_models.core.catalogue import actuators
+from servo_models.catalogue import actuators
 from servo_models.data.description import read_description
 from servo_models.diagnosis.verdict import OUTSIDE
 from servo_models.errors import UserError
@@ -149,7 +149,7 @@ def with_logs(find: Find, description: Path) -> Any:
 
 def validated(actuator: Path) -> Any:
     """The validation of the actuator of that name."""
-    from servo_models.core.simulate import model
+    from servo_models.catalogue import model
     from servo_models.validation.runner import validate
 
     return validate([model(actuator.name)])

@@ -19,7 +19,8 @@ from itertools import product
 import numpy as np
 
 from servo_models.actuators.smart_servo.plant import COUNT
-from servo_models.core.simulate import model, simulate
+from servo_models.analysis.simulate import simulate
+from servo_models.catalogue import model
 from servo_models.data.arrays import describe
 from servo_models.data.audit import LEAST_GAP
 from servo_models.data.description import Description

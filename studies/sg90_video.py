@@ -17,7 +17,8 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from servo_models.analysis.compare import overshoot, rise_time
-from servo_models.core.simulate import Model, simulate
+from servo_models.analysis.simulate import simulate
+from servo_models.core.simulate import Model
 from servo_models.core.types import Array
 from servo_models.data.log import Log
 from servo_models.report.style import colour, drawing, label

@@ -22,8 +22,8 @@ WITH_THOROUGH = ["-m", "not long"]
 
 def compiled(name: str) -> str:
     """Compile an actuator into the cache: in C where there is a compiler, else by numba."""
+    from servo_models.catalogue import model
     from servo_models.core.compiled import compiled_run
-    from servo_models.core.simulate import model
     from servo_models.core.stepper import run_text
 
     compiled_run(run_text(model(name).flat))
@@ -39,7 +39,7 @@ def generated(folder: str) -> str:
 
 def compile_all() -> None:
     """Compile every actuator once: else each worker would do it beside the others."""
-    from servo_models.core.catalogue import actuators
+    from servo_models.catalogue import actuators
 
     with ProcessPoolExecutor(CORES) as pool, tempfile.TemporaryDirectory() as folder:
         cases = pool.submit(generated, str(Path(folder) / "cases"))

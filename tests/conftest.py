@@ -12,8 +12,8 @@ import pytest
 from hypothesis import settings
 
 from servo_models.build import PYTHON, build
+from servo_models.catalogue import model
 from servo_models.cli import main
-from servo_models.core.simulate import model
 from tests.support.made_once import made_once
 
 settings.register_profile("untimed", deadline=None)

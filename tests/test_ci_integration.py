@@ -15,7 +15,7 @@ import pytest
 import yaml
 
 from servo_models.build import build
-from servo_models.core.simulate import model
+from servo_models.catalogue import model
 from tests.support.own_actuators import write
 from tests.support.sources import ROOT
 

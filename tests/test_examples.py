@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 from servo_models.build import NATIVE, build
+from servo_models.catalogue import model
 from servo_models.cli import main
 from servo_models.core.compilers import compiler
-from servo_models.core.simulate import model
 from servo_models.data.parameters import ParameterSet, read_parameters
 from servo_models.identification.identify import identify
 from servo_models.identification.result import HELD_OUT

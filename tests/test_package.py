@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ast
 import doctest
+import importlib
 import pydoc
 import re
 import subprocess
@@ -29,6 +31,18 @@ def test_dir_lists_the_public_names() -> None:
     code = "import servo_models as sm; print(*dir(sm))"
     listed = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True)
     assert {*sm.__all__, "__version__"} <= set(listed.stdout.decode().split())
+
+
+def test_type_checkers_read_the_names_that_there_are() -> None:
+    """The stub is what they read; every name of it is what the module has."""
+    stub = ast.parse((ROOT / "servo_models/__init__.pyi").read_text("utf-8"))
+    told = {
+        alias.asname: getattr(importlib.import_module(str(node.module)), alias.name)
+        for node in stub.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    assert {name: getattr(sm, name) for name in sm.__all__} == told
 
 
 def test_the_package_imports_nothing_heavy() -> None:

@@ -17,7 +17,7 @@ import pytest
 
 import servo_models
 from servo_models.analysis.experiment import in_time
-from servo_models.core.catalogue import actuators
+from servo_models.catalogue import actuators
 from servo_models.errors import UserError
 from servo_models.units import exponents, factor, parse
 

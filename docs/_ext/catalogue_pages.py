@@ -19,8 +19,9 @@ from servo_models.analysis.demonstration import Demonstration, demonstrate
 from servo_models.analysis.explain import explain, shown_value
 from servo_models.analysis.isolability import catalogue_ambiguities
 from servo_models.analysis.live import demonstrated, explained
+from servo_models.catalogue import actuators
 from servo_models.core.block import FirstOrderLag, Hints
-from servo_models.core.catalogue import actuators, effects
+from servo_models.effects import effects
 from servo_models.identification.readings import words
 from servo_models.report import live, style
 from servo_models.report.live import Live

@@ -9,8 +9,8 @@ from dataclasses import replace
 
 from servo_models.actuators.shaft import no_residual
 from servo_models.core.block import UNLOADED, Bench, Block
-from servo_models.core.catalogue import effects_on
 from servo_models.core.plant import Placement, State, Wire, place
+from servo_models.effects import effects_on
 from servo_models.effects.gain_error import gain_error
 from servo_models.effects.residual_map import CURVES, time_since_reversal
 

@@ -23,8 +23,9 @@ from servo_models.analysis.explain import (
     is_actuator,
     places,
 )
+from servo_models.analysis.simulate import Result, simulate
+from servo_models.catalogue import model
 from servo_models.core.plant import Actuator, Wire
-from servo_models.core.simulate import Result, model, simulate
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -8,8 +8,9 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from servo_models.analysis.simulate import Result, simulate
 from servo_models.core.plant import Wire, check_known
-from servo_models.core.simulate import Model, Result, simulate
+from servo_models.core.simulate import Model
 from servo_models.errors import UserError, told_at
 from servo_models.report.numbers import Quantity
 from servo_models.units import factor, parse

@@ -9,12 +9,13 @@ import textwrap
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
+from servo_models.catalogue import actuator as find_actuator
+from servo_models.catalogue import actuators, all_actuators
 from servo_models.core.block import RESERVED, Block
 from servo_models.core.bounds import displayed
-from servo_models.core.catalogue import actuator as find_actuator
-from servo_models.core.catalogue import actuators, all_actuators, effects
 from servo_models.core.own_actuator import is_file
 from servo_models.core.plant import Actuator, Parameter, Placement, Plant, unknown
+from servo_models.effects import effects
 from servo_models.errors import UserError
 from servo_models.report.numbers import Quantity
 from servo_models.report.result import Report, data_sheet

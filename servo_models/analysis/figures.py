@@ -158,7 +158,7 @@ def figures(
     """Measure a model.
 
     Args:
-        model: from ``servo_models.core.simulate.model`` or a parameter set.
+        model: from ``servo_models.model`` or a parameter set.
         at: inputs of the working point by name, SI or strings such as ``"1.6 ms"``; an input
             not named is at rest.
         amplitude: of the command, SI of the input or a string; a string in the output's unit

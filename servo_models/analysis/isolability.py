@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from servo_models.core.block import OTHER_UNITS, Ambiguity, Block
-from servo_models.core.catalogue import effects
 from servo_models.core.plant import Plant
+from servo_models.effects import effects
 
 
 def cause(name: str, plant: Plant) -> str:

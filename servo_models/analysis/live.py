@@ -19,11 +19,13 @@ from servo_models.analysis.explain import (
     is_actuator,
 )
 from servo_models.analysis.pictures import characteristic
-from servo_models.core.catalogue import actuator as find_actuator
+from servo_models.analysis.simulate import Result
+from servo_models.catalogue import actuator as find_actuator
+from servo_models.catalogue import model
 from servo_models.core.flat import Flat
 from servo_models.core.js_text import js_model
 from servo_models.core.plant import Parameter, Wire
-from servo_models.core.simulate import Model, Result, model
+from servo_models.core.simulate import Model
 from servo_models.errors import UserError
 from servo_models.report.live import (
     Live,

@@ -16,8 +16,9 @@ from servo_models.analysis.characteristic import FRICTION, Characteristic
 from servo_models.analysis.experiment import display
 from servo_models.analysis.linear_model import LinearModel
 from servo_models.analysis.linearise import linearise
+from servo_models.analysis.simulate import Result, simulate
 from servo_models.core.plant import Plant, Wire
-from servo_models.core.simulate import Model, Result, simulate
+from servo_models.core.simulate import Model
 from servo_models.core.types import Array
 from servo_models.errors import UserError
 from servo_models.files import write_with

@@ -17,8 +17,9 @@ from servo_models.analysis.explain import display_unit, in_display_unit
 from servo_models.analysis.figures import Figures, FrequencyFigures
 from servo_models.analysis.linear_model import LinearModel
 from servo_models.analysis.pictures import draw_signals, shown_signals
+from servo_models.analysis.simulate import Result
 from servo_models.core.plant import Wire
-from servo_models.core.simulate import Model, Result
+from servo_models.core.simulate import Model
 from servo_models.core.types import Array
 from servo_models.report.numbers import Quantity
 from servo_models.report.result import Report, document_of, report_of

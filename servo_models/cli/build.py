@@ -64,9 +64,8 @@ def build(
     """
     from servo_models.build import build as write
     from servo_models.build import kinds_for, path_of
+    from servo_models.catalogue import actuators, model
     from servo_models.cli.console import progress
-    from servo_models.core.catalogue import actuators
-    from servo_models.core.simulate import model
 
     if actuator or params:
         models = [chosen_model(actuator, variant, set_, params, trust)]

@@ -142,7 +142,7 @@ def diagnose(
 def _check_signals(path: Path, description: Path) -> None:
     """Check the name of a file of signals, and that the library for it is installed."""
     from servo_models.data.plotjuggler import LAYOUT, LIBRARY
-    from servo_models.data.readers.columns import extra
+    from servo_models.errors import extra
 
     known = path.suffix in (".csv", ".parquet", ".mcap")
     outputs = [(path, path.suffix if known else ".csv, .parquet or .mcap")]

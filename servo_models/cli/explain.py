@@ -88,7 +88,7 @@ def explain(
     if diagram:
         from servo_models.analysis.diagram import diagram as drawn_from
         from servo_models.analysis.pictures import check_suffix, save
-        from servo_models.core.catalogue import actuator
+        from servo_models.catalogue import actuator
         from servo_models.report.style import figure
 
         check_suffix(diagram)

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import os.path
 from enum import Enum
+from importlib.resources import files
 from pathlib import Path
 from typing import Annotated
 
 import typer
+
+TEMPLATE = "my_servo"  # text beside this file, and the name of the actuator in it
 
 
 class Thing(str, Enum):
@@ -37,8 +41,6 @@ def new(
     servo-models new example servo.toml
     """
     if thing is Thing.ACTUATOR:
-        from servo_models.core.template import write_template
-
         write_template(file)
         print(f"wrote '{file}': adapt it, then 'servo-models explain {file}'")
     else:
@@ -46,3 +48,32 @@ def new(
 
         log = write_example(file)
         print(f"wrote '{log}' and '{file}': look at both, then 'servo-models diagnose {file}'")
+
+
+def write_template(path: Path) -> None:
+    """Write a position servo to ``path``, named like the file; it runs as it is.
+
+    A folder that is missing is made.
+
+    Raises:
+        UserError: no .py, a name that no actuator can have or that one of the catalogue has, a
+            file that is there, or a folder that cannot be written.
+    """
+    from servo_models.catalogue import all_actuators
+    from servo_models.core.plant import check_actuator_name
+    from servo_models.errors import UserError, told_at
+    from servo_models.files import write_whole
+
+    if not path.name.endswith(".py"):
+        raise UserError(f"'{path}' is no Python file: let the name end in .py")
+    with told_at(f"'{path}' names its actuator", ValueError):
+        check_actuator_name(path.stem)
+    if path.stem in all_actuators():
+        raise UserError(
+            f"'{path}' is called like the actuator '{path.stem}' of the catalogue, and its"
+            " FMU too: choose another name"
+        )
+    if os.path.lexists(path):  # also a link that leads nowhere
+        raise UserError(f"'{path}' is there, and is not overwritten: choose another name")
+    text = files(__package__).joinpath(f"{TEMPLATE}.txt").read_text(encoding="utf-8")
+    write_whole(path, text.replace(TEMPLATE, path.stem).encode())

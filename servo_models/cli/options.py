@@ -48,7 +48,7 @@ def chosen_model(
     trust: bool,
 ) -> Model:
     """Return the model of ``ACTUATOR --variant`` or ``--params``, with ``--set`` on top."""
-    from servo_models.core.simulate import model
+    from servo_models.catalogue import model
     from servo_models.data.parameters import read_parameters
 
     overrides = assignments("--set", settings or ())
@@ -87,13 +87,13 @@ def completing(names: Callable[[typer.Context], Iterable[str]]) -> Callable[...,
 
 
 def _actuators(_: Any = None) -> Mapping[str, Any]:
-    from servo_models.core.catalogue import all_actuators
+    from servo_models.catalogue import all_actuators
 
     return all_actuators()
 
 
 def _names(_: Any) -> list[str]:
-    from servo_models.core.catalogue import effects
+    from servo_models.effects import effects
 
     return [*_actuators(), *effects()]
 

@@ -22,7 +22,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any, Literal
 
-from servo_models.core.catalogue import all_actuators
+from servo_models.catalogue import all_actuators
 from servo_models.core.workers import python
 from servo_models.data.scaffold import draft
 from servo_models.data.schema import Column, Table, read_toml

@@ -63,8 +63,8 @@ def simulate(
     servo-models simulate sg90 --inputs pulses.csv --out angles.parquet
     """
     from servo_models.analysis import experiment
+    from servo_models.analysis.simulate import simulate as run
     from servo_models.cli.console import progress, show
-    from servo_models.core.simulate import simulate as run
     from servo_models.data import tables
 
     if inputs and (step or stop or dt):

@@ -101,8 +101,8 @@ def validate(
 
     servo-models validate any.fmu --static-only
     """
+    from servo_models.catalogue import actuator as find_actuator
     from servo_models.cli.console import NARROW, print_commands, progress, show
-    from servo_models.core.catalogue import actuator as find_actuator
     from servo_models.data.parameters import read_parameters
     from servo_models.files import check_writable
     from servo_models.validation import formats, sections

@@ -9,81 +9,31 @@ from __future__ import annotations
 import contextlib
 import functools
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from threading import RLock
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from servo_models.core.bounds import is_outside, on_bound, outside
-from servo_models.core.catalogue import actuator as find_actuator
+from servo_models.core.bounds import is_outside, outside
 from servo_models.core.compiled import compiled_run, plain_make
-from servo_models.core.flat import Flat, neutral_effects, noticed, trouble
+from servo_models.core.flat import Flat, neutral_effects, trouble
 from servo_models.core.flatten import flatten
-from servo_models.core.plant import Actuator, Plant, Wire, check_bounds, check_known, unknown
+from servo_models.core.plant import Actuator, Plant, Wire
 from servo_models.core.printer import FURTHEST
 from servo_models.core.stepper import run_text, start_text, step_text
 from servo_models.core.types import Array
 from servo_models.errors import UserError
-from servo_models.report.result import Result as Reported
-from servo_models.units import parse
 
 LONGEST_RUN = 1e8  # internal steps of a run, some ten seconds of work: more is a wrong unit
 MOST_TRIED = 10  # changed parameters of a failed run that are put back one by one, at most
-SHORTEST = 1e-12  # communication step [s] below which an internal step is not halved
 PLANTS = 64  # plants whose texts are kept, the latest ones: a person's own come and go
-CHANGED = 1e-3  # change of an output by half the internal step over full scale, if it is told
-FAR = 100.0  # size of an output over full scale beyond which it is hardly meant
-NUMBERS = "biufO"  # kinds of arrays taken as numbers: bool, whole, float, what float() takes
-SECONDS = "give seconds, shape (n,)"
 ANGLES = ("shaft_angle", "load_angle", "coasting_angle")
 SPEEDS = ("shaft_speed", "load_speed", "coasting_speed")
 """States of the motion of a shaft and of what turns with it, as ``actuators/shaft.py`` and the
 effects ``gear_compliance`` and ``coasting_backlash`` name them."""
-
-
-@dataclass(frozen=True, repr=False)
-class Result(Reported):
-    """A simulated response; a notebook shows its signals and figures.
-
-    Attributes:
-        model: model that was simulated.
-        times: communication points [s], shape (n,).
-        inputs, outputs: SI values by name, each of shape (n,); an input is held from its
-            row on, an output is the value at its row.
-        warnings: what is not to be relied on, in words: see ``doubts``.
-    """
-
-    told_in: ClassVar = "servo_models.analysis"  # which knows units, figures and pictures
-
-    model: Model
-    times: Array
-    inputs: dict[str, Array]
-    outputs: dict[str, Array]
-    warnings: tuple[str, ...] = ()
-
-    def __getitem__(self, name: str) -> Array:
-        if name in self.outputs:
-            return self.outputs[name]
-        if name in self.inputs:
-            return self.inputs[name]
-        raise UserError(unknown("signal", name, {**self.outputs, **self.inputs}))
-
-    def to_pandas(self) -> Any:
-        """Return a DataFrame in SI: a column for each input and output, times [s] as its index.
-
-        Raises:
-            UserError: pandas is not installed.
-        """
-        try:
-            import pandas as pd  # type: ignore[import-untyped]
-        except ImportError:
-            raise UserError("pandas is not installed: pip install pandas") from None
-        index = pd.Index(self.times, name="time")
-        return pd.DataFrame({**self.inputs, **self.outputs}, index=index)
 
 
 _PARSING = RLock()  # CPython 3.11 may fail where two threads make syntax trees at once
@@ -311,45 +261,6 @@ class Model:
         return f" ({'; '.join(blamed)})" if blamed else ""
 
 
-def model(
-    actuator: str | Actuator,
-    variant: str | None = None,
-    parameters: Mapping[str, float | str] | None = None,
-) -> Model:
-    """Choose an actuator, a variant of it and overrides of single parameters.
-
-    Args:
-        actuator: name, path of a ``.py`` file of your own, or a declaration of your own.
-        variant: name of a parameter set; None for the default one.
-        parameters: overrides by name, numbers in SI or strings such as ``"3 deg"``.
-
-    Raises:
-        UserError: an unknown name, a wrong unit, a value outside its bounds.
-
-    Example:
-        >>> import servo_models as sm
-        >>> servo = sm.model("sg90", "measured", {"backlash.half_width": "0.5 deg"})
-        >>> round(servo.values["backlash.half_width"], 5)  # rad
-        0.00873
-    """
-    declared = find_actuator(actuator) if isinstance(actuator, str) else actuator
-    chosen = declared.variant(variant).name
-    plant = declared.plant_of(chosen)
-    overrides: dict[str, float] = {}
-    for name, value in (parameters or {}).items():
-        check_known("parameter", [name], plant.parameters, f"actuator '{declared.name}'")
-        parameter = plant.parameters[name]
-        try:
-            given = parse(value, parameter.param.unit)
-        except UserError as error:
-            raise UserError(f"parameter '{name}': {error}") from error
-        overrides[name] = on_bound(given, parameter.param)
-        check_bounds(parameter, overrides[name])
-    return Model(
-        declared, chosen, declared.values(chosen, overrides), flat_of(plant, declared.name)
-    )
-
-
 def with_output(chosen: Model, wire: str) -> Model:
     """Return the same model with an inner wire among its outputs."""
     if wire in chosen.plant.outputs:
@@ -373,117 +284,6 @@ def of_named(chosen: Model, names: Set[str]) -> Model:
         return chosen
     values = {name: chosen.values[name] for name in less.values(chosen.variant)}
     return replace(chosen, actuator=less, values=values, flat=flat_of(plant, less.name))
-
-
-def simulate(
-    chosen: Model, times: ArrayLike, inputs: Mapping[str, ArrayLike] | None = None
-) -> Result:
-    """Simulate from rest.
-
-    Args:
-        chosen: the model, from ``model``.
-        times: communication points [s], increasing, shape (n,); equal neighbours are a
-            clean step of the inputs.
-        inputs: SI values by name, scalars or shape (n,); an input not named stays at rest.
-
-    Raises:
-        UserError: see ``Model.run``; also an unknown input, or what is no array of numbers of
-            these shapes.
-
-    Example:
-        >>> import numpy as np
-        >>> import servo_models as sm
-        >>> times = np.arange(0.0, 1.0, 0.001)  # s
-        >>> response = sm.simulate(sm.model("sg90"), times, {"pulse_width": 1.9e-3})
-        >>> response["angle"].shape  # rad
-        (1000,)
-    """
-    if not isinstance(chosen, Model):
-        raise UserError(
-            f"argument 'chosen' is no model, but {chosen!r:.60}: choose one by sm.model"
-        )
-    grid = np.ascontiguousarray(_numbers("argument 'times'", times, SECONDS))
-    if grid.ndim != 1:
-        raise UserError(f"argument 'times' has shape {grid.shape}: {SECONDS}")
-    columns = _columns(chosen, {} if inputs is None else inputs, grid.shape)
-    matrix = np.column_stack(list(columns.values()))
-    state = chosen.start()
-    out = chosen.run(grid, matrix, state)
-    named = {name: out[:, i] for i, name in enumerate(chosen.plant.outputs)}
-    notices = noticed(chosen.flat, state.tolist()).values()
-    warnings = (*doubts(chosen, grid, matrix, out), *notices)
-    return Result(chosen, grid, columns, named, warnings)
-
-
-def _columns(
-    chosen: Model, inputs: Mapping[str, ArrayLike], shape: tuple[int, ...]
-) -> dict[str, Array]:
-    """The values [SI] of every input at every time; one that is not given stays at rest."""
-    known = {wire.name: wire for wire in chosen.plant.inputs}
-    if not isinstance(inputs, Mapping):
-        example = f"give {{'{next(iter(known), 'input')}': ...}}"
-        raise UserError(f"argument 'inputs' is no mapping, but {inputs!r:.60}: {example}")
-    settable = [wire.name for wire in chosen.plant.settable]
-    check_known("input", inputs, settable, f"actuator '{chosen.actuator.name}'")
-    columns: dict[str, Array] = {}
-    for name, wire in known.items():
-        cure = f"give one number in {wire.unit}, or one for each time"
-        values = _numbers(f"input '{name}'", inputs.get(name, wire.rest), cure)
-        if values.shape not in ((), shape):
-            raise UserError(f"input '{name}' has shape {values.shape}, the times {shape}: {cure}")
-        columns[name] = np.broadcast_to(values, shape)
-    return columns
-
-
-def _numbers(what: str, given: ArrayLike, cure: str) -> Array:
-    """An argument as an array of floats; texts, dates and complex numbers would lose their unit."""
-    if np.ma.is_masked(given):
-        raise UserError(f"{what} is masked in places: fill the gaps")
-    with contextlib.suppress(TypeError, ValueError):
-        values = np.asarray(given)
-        if values.dtype.kind in NUMBERS:
-            return values.astype(float)
-    raise UserError(f"{what} is not of numbers, but {given!r:.60}: {cure}")
-
-
-def doubts(chosen: Model, times: Array, inputs: Array, out: Array) -> Iterator[str]:
-    """Yield, in words, why ``out`` of a run from rest is not to be relied on.
-
-    The run is made again with half the internal step: where an output other than a flag
-    changes by more than a thousandth of its full scale, what it does at a time is chance, as
-    behind a jump of the right-hand side that is not a mode or where a loop is chaotic.  An
-    output beyond a hundred full scales is told as well.
-    """
-    for one, values in zip(chosen.actuator.checked(chosen.variant), inputs.T):
-        beyond = (values < one.low) | (values > one.high)
-        if beyond.any():
-            yield f"{one.beyond}, at t = {times[beyond.argmax()]:g} s"
-    step = min(chosen.values["internal_step"], float(np.diff(times).max(initial=0.0)))
-    if step > SHORTEST:
-        step *= 0.5
-    else:  # nothing moves meanwhile, and equations divide by the step
-        step = chosen.values["internal_step"]
-    finer = {**chosen.values, "internal_step": step}
-    try:
-        again = chosen.from_rest(np.array(list(finer.values())), times, inputs)
-    except UserError as error:
-        yield f"with half the internal step the run fails: {error}"
-        return
-    for name, column, other in zip(chosen.plant.outputs, out.T, again.T):
-        wire = chosen.plant.wire[name]
-        change, size = np.abs(column - other) / wire.scale, np.abs(column) / wire.scale
-        row, largest = int(change.argmax()), int(size.argmax())
-        if change[row] > CHANGED and not wire.flag:
-            yield (
-                f"output '{name}' depends on the internal step: with half of it, it changes by"
-                f" {100.0 * change[row]:.2g} % of full scale at t = {times[row]:g} s; rely on what"
-                " both runs share, or choose a shorter internal_step"
-            )
-        if size[largest] > FAR and not wire.flag:
-            yield (
-                f"output '{name}' reaches {size[largest]:.2g} times its full scale at"
-                f" t = {times[largest]:g} s: check parameters and inputs"
-            )
 
 
 def check_grid(times: Array, inputs: Array, wires: Sequence[Wire], internal_step: float) -> None:

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from servo_models.catalogue import model
 from servo_models.core.plant import TIME_AXIS, check_known, unknown
-from servo_models.core.simulate import Model, model
+from servo_models.core.simulate import Model
 from servo_models.data.description import Description, described
 from servo_models.data.readers import Columns
 from servo_models.data.readers.columns import column_of

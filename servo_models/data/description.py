@@ -12,10 +12,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from servo_models.core.catalogue import actuator as find_actuator
+from servo_models.catalogue import actuator as find_actuator
+from servo_models.catalogue import model
 from servo_models.core.own_actuator import check_trust, is_file, simulation
 from servo_models.core.plant import Actuator, unknown
-from servo_models.core.simulate import Model, model, of_named
+from servo_models.core.simulate import Model, of_named
 from servo_models.data.log import Log
 from servo_models.data.parameters import ParameterFile, ParameterSet, read_parameters
 from servo_models.data.readers import Columns, is_bag, read_columns, suffixes

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from servo_models.core.simulate import simulate
+from servo_models.analysis.simulate import simulate
 from servo_models.data.parameters import read_parameters
 from servo_models.data.tables import write_signals
 from servo_models.errors import UserError
@@ -36,7 +36,7 @@ def write_example(path: Path) -> Path:
     for file in (path, log):
         if os.path.lexists(file):
             raise UserError(f"'{file}' is there, and is not overwritten: choose another name")
-    shipped = files("servo_models.data")
+    shipped = files(__package__)
     with as_file(shipped / RIG) as file:
         rig = read_parameters(file).model()
     times = np.arange(0.0, 6.0, STEP)

@@ -14,10 +14,11 @@ from typing import Annotated, Any, NamedTuple
 
 from msgspec import Meta
 
-from servo_models.core.catalogue import actuator as find_actuator
+from servo_models.catalogue import actuator as find_actuator
+from servo_models.catalogue import model
 from servo_models.core.own_actuator import key_from
 from servo_models.core.plant import Actuator, Parameter, check_bounds
-from servo_models.core.simulate import Model, model
+from servo_models.core.simulate import Model
 from servo_models.core.types import Array
 from servo_models.data.schema import (
     Number,

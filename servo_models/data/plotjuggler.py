@@ -17,7 +17,7 @@ from xml.etree import ElementTree
 import msgspec
 
 from servo_models.core.types import Array
-from servo_models.data.readers.columns import extra
+from servo_models.errors import extra
 from servo_models.report.style import colour
 
 LIBRARY = "mcap.writer"

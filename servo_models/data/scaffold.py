@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from servo_models.core.catalogue import actuators, of_one_variant
+from servo_models.analysis.simulate import simulate
+from servo_models.catalogue import actuators, model, of_one_variant
 from servo_models.core.own_actuator import key_from
 from servo_models.core.plant import Actuator, Plant, Variant, Wire
-from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
 from servo_models.data.clock import dithered
 from servo_models.data.readers import Columns, read_tables

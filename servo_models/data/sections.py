@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from servo_models.analysis.explain import shown_value
-from servo_models.core.catalogue import actuator as find_actuator
+from servo_models.catalogue import actuator as find_actuator
 from servo_models.core.plant import Parameter
 from servo_models.data.parameters import Estimate, ParameterSet
 from servo_models.report.numbers import Quantity

@@ -12,7 +12,6 @@ import numpy as np
 
 from servo_models.actuators.wiring import input_scale, outside_sensor
 from servo_models.core.block import Block, Param
-from servo_models.core.catalogue import effects_on
 from servo_models.core.own_actuator import executed
 from servo_models.core.plant import (
     STEP_IN_SCALES,
@@ -24,6 +23,7 @@ from servo_models.core.plant import (
     Wire,
     internal_step,
 )
+from servo_models.effects import effects_on
 from servo_models.errors import UserError
 from servo_models.foreign.box import Around, Box, Signal
 

@@ -16,8 +16,7 @@ from typing import Any
 import numpy as np
 
 from servo_models.core.types import Array
-from servo_models.data.readers.columns import extra
-from servo_models.errors import UserError, did_you_mean
+from servo_models.errors import UserError, did_you_mean, extra
 from servo_models.fmu.child import SECONDS, Child, Pool
 from servo_models.foreign.box import Signal, name_of
 

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from servo_models.analysis.explain import is_actuator
 from servo_models.analysis.live import DRIVE, explained, live_model
-from servo_models.core.catalogue import actuators
-from servo_models.core.simulate import Model, model
+from servo_models.catalogue import actuators, model
+from servo_models.core.simulate import Model
 from servo_models.data.description import Description, read_description
 from servo_models.data.log import Log
 from servo_models.data.readers import suffixes

@@ -19,10 +19,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from servo_models.analysis.experiment import in_time
+from servo_models.analysis.simulate import simulate
 from servo_models.analysis.statistics import rms
 from servo_models.core.bounds import is_outside
 from servo_models.core.plant import Plant, Wire
-from servo_models.core.simulate import Model, simulate
+from servo_models.core.simulate import Model
 from servo_models.core.types import Array
 from servo_models.core.workers import ALONE, Workers
 from servo_models.data.audit import Audit, audits, noise_floors

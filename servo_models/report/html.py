@@ -24,7 +24,7 @@ OPTION = re.compile(r"(?<!\S)--[a-z][\w-]*")
 
 def page(report: Page) -> str:
     """Return a report as one HTML page; every text is escaped, only our own figures are markup."""
-    sheet = files("servo_models.report").joinpath("report.css").read_text("utf-8")
+    sheet = files(__package__).joinpath("report.css").read_text("utf-8")
     panels = report.panels
     sheets = "\n".join([style.variables(), sheet, _labels(report), live.styles(panels)])
     scripts = live.scripts(panels)
@@ -82,7 +82,7 @@ def _template(report: Page) -> TemplateModule:
     )
     environment.filters["unbroken"] = _unbroken
     environment.tests["mark"] = lambda cell: isinstance(cell, Mark)
-    text = files("servo_models.report").joinpath("report.html").read_text("utf-8")
+    text = files(__package__).joinpath("report.html").read_text("utf-8")
     drawn = {id(picture): k for k, picture in enumerate(report.pictures)}
     lively = {id(panel): k for k, panel in enumerate(report.panels)}
 

@@ -77,12 +77,11 @@ def page_of(result: Any, date: str = "") -> Report:
 def registered(
     dispatch: Callable[[type], Callable[..., Any]], result: object
 ) -> Callable[..., Any]:
-    """Return what the ``sections`` beside a result's module register, or those of the package that
-    it is ``told_in``; they are imported when a result is first asked for it."""
+    """Return what the ``sections`` beside a result's module register; they are imported when a
+    result is first asked for it."""
     default = dispatch(object)
     if dispatch(type(result)) is default:
-        folder = getattr(result, "told_in", type(result).__module__.rpartition(".")[0])
-        import_module(f"{folder}.sections")
+        import_module(f"{type(result).__module__.rpartition('.')[0]}.sections")
     if dispatch(type(result)) is default:
         raise TypeError(f"nobody says how a {type(result).__name__} is reported")
     return dispatch(type(result))

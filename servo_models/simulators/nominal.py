@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from servo_models.core.catalogue import actuators
+from servo_models.catalogue import actuators
 from servo_models.core.plant import Actuator, check_bounds
 from servo_models.data.parameters import Estimate, ParameterSet
 from servo_models.errors import UserError, printable, told_at

@@ -7,12 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from servo_models.analysis.simulate import simulate
 from servo_models.core.block import Block
-from servo_models.core.catalogue import effects
 from servo_models.core.plant import Wire
-from servo_models.core.simulate import Model, simulate, with_output
+from servo_models.core.simulate import Model, with_output
 from servo_models.core.types import Array, Mask
 from servo_models.data.log import Log
+from servo_models.effects import effects
 from servo_models.errors import UserError
 from servo_models.identification.simulation import prepared
 from servo_models.simulators.simulator import EXACT, NO_FIELD, OF_JOINTS

@@ -17,8 +17,7 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
 
-from servo_models.data.readers.columns import extra
-from servo_models.errors import UserError
+from servo_models.errors import UserError, extra
 from servo_models.files import scratch
 from servo_models.fmu.child import Child
 from servo_models.survey.job import Done, Job, failed, run

@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 from scipy.stats import t as student_t
 
 from servo_models.core.types import Array
-from servo_models.data.readers.columns import extra
+from servo_models.errors import extra
 from servo_models.report.document import Document, Magnitude
 from servo_models.survey.job import Estimate
 

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from pathlib import Path
 
-from servo_models.core.catalogue import of_catalogue
+from servo_models.catalogue import model, of_catalogue
 from servo_models.core.plant import Actuator
-from servo_models.core.simulate import Model, model
+from servo_models.core.simulate import Model
 from servo_models.core.types import Array
 from servo_models.errors import UserError
 from servo_models.fmu.fmu import LIMITS, Fmu, Instance, Limits

@@ -7,9 +7,8 @@ import math
 import numpy as np
 
 from servo_models.analysis.live import live_model
-from servo_models.core.catalogue import actuators
+from servo_models.catalogue import actuators, model
 from servo_models.core.plant import Plant
-from servo_models.core.simulate import model
 from servo_models.report.live import Live, LiveModel, LiveRun, encoded
 from servo_models.validation.cases import Case, all_cases
 from servo_models.validation.responses import input_columns

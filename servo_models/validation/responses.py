@@ -14,8 +14,9 @@ from time import perf_counter
 import numpy as np
 
 from servo_models.analysis.compare import StepMetrics, max_error, nrmse, step_metrics, tube
+from servo_models.catalogue import model
 from servo_models.core.plant import Parameter
-from servo_models.core.simulate import Model, model
+from servo_models.core.simulate import Model
 from servo_models.core.types import Array
 from servo_models.errors import UserError
 from servo_models.validation.cases import Case

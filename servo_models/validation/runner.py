@@ -15,9 +15,9 @@ from pathlib import Path
 from time import perf_counter
 
 from servo_models.build import build
-from servo_models.core.catalogue import actuators
+from servo_models.catalogue import actuators, model
 from servo_models.core.plant import Actuator
-from servo_models.core.simulate import Model, model
+from servo_models.core.simulate import Model
 from servo_models.errors import UserError
 from servo_models.files import scratch
 from servo_models.fmu.fmu import LIMITS, Fmu, Limits

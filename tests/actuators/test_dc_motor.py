@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from servo_models.core.catalogue import actuator
-from servo_models.core.simulate import model, simulate
+from servo_models.analysis.simulate import simulate
+from servo_models.catalogue import actuator, model
 from servo_models.core.types import Array
 from servo_models.data.log import Start
 from servo_models.identification.simulation import prepared

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from servo_models import describe, diagnose
-from servo_models.core.catalogue import actuator
-from servo_models.core.simulate import model, simulate
+from servo_models.analysis.simulate import simulate
+from servo_models.catalogue import actuator, model
 from servo_models.core.types import Array
 from servo_models.validation.second_order_servo.reference import Limited, Linear, Servo
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.signal import lsim
 
-from servo_models.core.simulate import model, simulate
+from servo_models.analysis.simulate import simulate
+from servo_models.catalogue import model
 from servo_models.core.types import Array
 
 PULSE = 2.4e-3

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from fmu_src.variables import variables
-from servo_models.core.simulate import model, simulate
+from servo_models.analysis.simulate import simulate
+from servo_models.catalogue import model
 from servo_models.core.types import Array
 from tests.support.sliding import slide
 

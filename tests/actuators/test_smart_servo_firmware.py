@@ -15,7 +15,8 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from servo_models.analysis.linearise import linearise
-from servo_models.core.simulate import model, simulate
+from servo_models.analysis.simulate import simulate
+from servo_models.catalogue import model
 from servo_models.core.types import Array
 
 TICK = 1e-3

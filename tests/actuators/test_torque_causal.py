@@ -11,8 +11,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from servo_models.actuators.torque_causal import torque_causal
-from servo_models.core.catalogue import actuator, actuators
-from servo_models.core.simulate import model, simulate
+from servo_models.analysis.simulate import simulate
+from servo_models.catalogue import actuator, actuators, model
 from servo_models.core.types import Array
 from servo_models.data.parameters import (
     Estimate,

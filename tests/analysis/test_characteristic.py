@@ -8,7 +8,7 @@ import pytest
 from servo_models.analysis.characteristic import Characteristic, characteristic
 from servo_models.analysis.demonstration import portrait
 from servo_models.analysis.live import explained
-from servo_models.core.simulate import model
+from servo_models.catalogue import model
 
 
 def law_of(actuator: str, effect: str, **values: float) -> Characteristic | None:

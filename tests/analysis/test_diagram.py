@@ -14,8 +14,8 @@ import pytest
 
 from servo_models.analysis.diagram import Box, boxes, diagram
 from servo_models.analysis.pictures import save
+from servo_models.catalogue import actuator, actuators
 from servo_models.core.block import Block
-from servo_models.core.catalogue import actuator, actuators
 from servo_models.core.plant import Placement, Plant
 from servo_models.report.layers import Net, arrange
 from servo_models.report.style import figure

@@ -16,9 +16,9 @@ from servo_models.actuators.torque_motor.variants import TABLE_1
 from servo_models.analysis.demonstration import VISIBLE, demonstrate, portrait
 from servo_models.analysis.explain import actuator_sheet, effect_name, explain, overview, places
 from servo_models.analysis.pictures import save
-from servo_models.core.catalogue import actuator, actuators, effects
+from servo_models.catalogue import actuator, actuators, model
 from servo_models.core.plant import Actuator
-from servo_models.core.simulate import model
+from servo_models.effects import effects
 from servo_models.errors import UserError
 from tests.conftest import Run
 from tests.support.own_actuators import WITH_EFFECTS, write

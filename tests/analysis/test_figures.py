@@ -16,8 +16,8 @@ from servo_models.actuators.torque_motor.variants import TABLE_1
 from servo_models.analysis.figures import figures, frequency_figures
 from servo_models.analysis.linearise import linearise
 from servo_models.analysis.sine_test import SineTest
+from servo_models.catalogue import model
 from servo_models.cli import main
-from servo_models.core.simulate import model
 from servo_models.errors import UserError
 from tests.support.html_page import Page
 from tests.support.papers import MEASURED, SG90, equation_12, equations_1_to_9

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from servo_models.analysis.isolability import experiment
-from servo_models.core.simulate import model
+from servo_models.catalogue import model
 
 
 @pytest.mark.parametrize(

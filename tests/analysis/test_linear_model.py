@@ -10,7 +10,7 @@ import pytest
 
 from servo_models.analysis import pictures
 from servo_models.analysis.linearise import linearise
-from servo_models.core.simulate import model
+from servo_models.catalogue import model
 
 
 def test_poles_are_those_of_the_published_functions() -> None:

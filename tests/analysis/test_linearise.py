@@ -15,8 +15,7 @@ from servo_models.actuators.torque_motor.variants import TABLE_1
 from servo_models.analysis.linear_model import LinearModel
 from servo_models.analysis.linearise import linearise
 from servo_models.analysis.sine_test import SineTest
-from servo_models.core.catalogue import actuator
-from servo_models.core.simulate import model
+from servo_models.catalogue import actuator, model
 from tests.support.papers import MEASURED, SG90, equation_12, equations_1_to_9
 
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from servo_models.analysis.pictures import shown_signals
-from servo_models.core.simulate import Result, model, simulate
+from servo_models.analysis.simulate import Result, simulate
+from servo_models.catalogue import model
 from servo_models.report.style import drawing
 
 TIMES = np.linspace(0.0, 0.5, 51)

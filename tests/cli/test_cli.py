@@ -22,10 +22,11 @@ from typer.testing import CliRunner
 
 from servo_models.actuators.torque_motor.variants import TABLE_1
 from servo_models.build import kinds_for
+from servo_models.catalogue import actuator, actuators
 from servo_models.cli import app
 from servo_models.cli.options import assignments
-from servo_models.core.catalogue import actuator, actuators, effects
 from servo_models.data.tables import read_signals
+from servo_models.effects import effects
 from servo_models.errors import UserError
 from tests.conftest import Run
 

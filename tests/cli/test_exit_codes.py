@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 import typer
 
+from servo_models.analysis.simulate import simulate
+from servo_models.catalogue import model
 from servo_models.cli import app
-from servo_models.core.simulate import model, simulate
 from tests.conftest import Run
 
 STEP, COUNT, HOLD = 0.01, 600, 40  # s, rows, rows

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from servo_models.core.simulate import model
+from servo_models.catalogue import model
 from servo_models.data.description import read_description
 from servo_models.data.parameters import read_parameters
 from servo_models.errors import UserError

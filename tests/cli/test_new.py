@@ -10,9 +10,9 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from servo_models.core.catalogue import actuator, all_actuators
+from servo_models.catalogue import actuator, all_actuators
+from servo_models.cli.new import write_template
 from servo_models.core.plant import check_actuator_name
-from servo_models.core.template import write_template
 from servo_models.core.types import Array
 from servo_models.data.parameters import read_parameters
 from servo_models.data.tables import read_signals

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from servo_models.catalogue import actuators
 from servo_models.core.block import (
     Ambiguity,
     Block,
@@ -26,10 +27,10 @@ from servo_models.core.block import (
     block,
     effect,
 )
-from servo_models.core.catalogue import actuators, effects
 from servo_models.core.inline import inline
 from servo_models.core.plant import Plant, Wire, place
 from servo_models.core.stepper import HEAD
+from servo_models.effects import effects
 
 OUTSIDE = [1.0, 2.0]
 

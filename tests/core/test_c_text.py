@@ -10,9 +10,10 @@ import pytest
 from fmpy.fmi1 import FMICallException
 
 from servo_models.build import NATIVE, build
+from servo_models.catalogue import model
 from servo_models.core.c_text import c_text
 from servo_models.core.compilers import compiler
-from servo_models.core.simulate import Model, model
+from servo_models.core.simulate import Model
 from tests.support.fmu_host import Host
 from tests.support.own_actuators import write
 

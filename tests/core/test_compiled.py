@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from servo_models.catalogue import model
 from servo_models.core import compiled
 from servo_models.core.c_text import c_run_text
 from servo_models.core.compiled import Run, compiled_run, run_by_numba, run_in_c
@@ -23,7 +24,7 @@ from servo_models.core.compilers import (
     here,
     host,
 )
-from servo_models.core.simulate import Model, model
+from servo_models.core.simulate import Model
 from servo_models.core.stepper import run_text
 from servo_models.core.types import Array
 from servo_models.errors import UserError

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from servo_models.catalogue import actuators
 from servo_models.core.block import Block, Param, block, effect
-from servo_models.core.catalogue import actuators
 from servo_models.core.compiled import plain_make
 from servo_models.core.flat import Chunk, neutral_effects
 from servo_models.core.flatten import flatten

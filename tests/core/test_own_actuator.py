@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from fmu_src.source import slave_source
-from servo_models.core.simulate import model, simulate
+from servo_models.analysis.simulate import simulate
+from servo_models.catalogue import model
 from servo_models.data.description import read_description
 from servo_models.data.parameters import read_parameters
 from servo_models.errors import UserError

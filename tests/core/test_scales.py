@@ -9,9 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from servo_models.catalogue import actuator, all_actuators
 from servo_models.core.block import Param, block, effect
-from servo_models.core.catalogue import actuator, all_actuators, effects, effects_on
 from servo_models.core.plant import Parameter, Plant, Wire, place
+from servo_models.effects import effects, effects_on
 from servo_models.effects.backlash import backlash
 from servo_models.effects.dead_zone import dead_zone
 from servo_models.effects.gear_compliance import compliant_output

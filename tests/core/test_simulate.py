@@ -14,11 +14,11 @@ import polars as pl
 import pytest
 from scipy.linalg import expm
 
+from servo_models.analysis.simulate import simulate
+from servo_models.catalogue import actuators, model
 from servo_models.core import simulate as simulation
 from servo_models.core.c_text import c_run_text
-from servo_models.core.catalogue import actuators
 from servo_models.core.plant import Actuator, Wire
-from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
 from servo_models.errors import UserError
 

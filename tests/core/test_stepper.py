@@ -12,13 +12,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from servo_models.catalogue import actuators
 from servo_models.core.block import Block, Clock, Fault, Memory, Mode, Param, block
-from servo_models.core.catalogue import actuators, effects
 from servo_models.core.compiled import plain_make
 from servo_models.core.flat import neutral_effects, trouble
 from servo_models.core.flatten import flatten
 from servo_models.core.plant import Plant, State, Wire
 from servo_models.core.stepper import run_text, step_text
+from servo_models.effects import effects
 from servo_models.effects.sample_hold import sample_hold
 from servo_models.validation.plain_integration import integrate
 from tests.support.bench import held_bench, respond, step_constant

@@ -13,9 +13,11 @@ from fmpy.fmi1 import FMICallException
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from servo_models.analysis.simulate import Result, simulate
+from servo_models.catalogue import model
 from servo_models.core.block import Block, Param, block
 from servo_models.core.plant import Actuator, Plant, State, Variant, Wire
-from servo_models.core.simulate import MOST_TRIED, Model, Result, model, simulate
+from servo_models.core.simulate import MOST_TRIED, Model
 from servo_models.core.types import Array
 from servo_models.errors import UserError
 from tests.conftest import Run

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
+from servo_models.catalogue import actuator
 from servo_models.core.block import Param
-from servo_models.core.catalogue import actuator
 from servo_models.core.plant import Actuator, Placement
 from servo_models.core.types import check_kind
 

@@ -10,8 +10,9 @@ import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
+from servo_models.analysis.simulate import simulate
+from servo_models.catalogue import model
 from servo_models.core.plant import Plant, Wire
-from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
 from servo_models.data.arrays import describe as describe_arrays
 from servo_models.data.audit import audits

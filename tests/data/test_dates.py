@@ -15,7 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from servo_models.core.simulate import model
+from servo_models.catalogue import model
 from servo_models.data.arrays import describe as described
 from servo_models.data.description import read_description
 from servo_models.data.readers.dates import seconds

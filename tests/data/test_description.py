@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from servo_models.core.simulate import simulate
+from servo_models.analysis.simulate import simulate
 from servo_models.data.description import DescriptionTable
 from servo_models.data.parameters import Estimate, ParameterSet, write_parameters
 from servo_models.data.signals import LogTable, Signal

@@ -12,7 +12,7 @@ import pandas as pd
 import polars as pl
 import pytest
 
-from servo_models.core.simulate import model
+from servo_models.catalogue import model
 from servo_models.data.arrays import describe as described
 from servo_models.data.description import read_description
 from servo_models.data.readers import read_columns

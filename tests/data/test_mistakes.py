@@ -11,8 +11,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.signal import butter, filtfilt, lfilter
 
+from servo_models.catalogue import model
 from servo_models.core.plant import Plant
-from servo_models.core.simulate import model
 from servo_models.core.types import Array
 from servo_models.data.log import Channel, Log
 from servo_models.data.mistakes import mistakes

@@ -14,8 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from servo_models.build import build
+from servo_models.catalogue import actuator
 from servo_models.cli import main
-from servo_models.core.catalogue import actuator
 from servo_models.data.log import Log, hashes
 from servo_models.data.parameters import (
     Estimate,

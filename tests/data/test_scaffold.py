@@ -11,8 +11,8 @@ import pytest
 import scipy.io
 from scipy.signal import lfilter
 
-from servo_models.core.catalogue import actuators
-from servo_models.core.simulate import model, simulate
+from servo_models.analysis.simulate import simulate
+from servo_models.catalogue import actuators, model
 from servo_models.data import scaffold
 from servo_models.data.description import read_description
 from servo_models.data.scaffold import draft, drafts, heading

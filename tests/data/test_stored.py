@@ -9,8 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from servo_models.core.catalogue import all_actuators
-from servo_models.core.simulate import model
+from servo_models.catalogue import all_actuators, model
 from servo_models.data.description import read_description
 from servo_models.data.parameters import read_parameters
 

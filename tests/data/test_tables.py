@@ -13,8 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.io import savemat
 
-from servo_models.core.catalogue import actuator
-from servo_models.core.simulate import model, simulate
+from servo_models.analysis.simulate import simulate
+from servo_models.catalogue import actuator, model
 from servo_models.data.tables import read_inputs, read_signals, write_signals
 from servo_models.errors import UserError
 

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 import tomllib
 
+from servo_models.catalogue import model
 from servo_models.core.block import Bench, block
 from servo_models.core.plant import Actuator, Plant, State, Variant, Wire, internal_step, place
-from servo_models.core.simulate import Model, model
+from servo_models.core.simulate import Model
 from servo_models.data.description import read_description
 from servo_models.diagnosis.design import Experiment, next_experiments
 from servo_models.diagnosis.design.play_script import script

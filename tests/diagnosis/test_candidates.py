@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from servo_models.core.catalogue import actuators
-from servo_models.core.simulate import model
+from servo_models.catalogue import actuators, model
 from servo_models.core.types import Array
 from servo_models.data.log import Log
 from servo_models.diagnosis.search.candidates import candidates

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from servo_models.core.simulate import model, simulate
+from servo_models.analysis.simulate import simulate
+from servo_models.catalogue import model
 from servo_models.data.description import read_description
 from servo_models.diagnosis.comparison.compare import compare
 from servo_models.errors import UserError

@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 
 from servo_models.actuators.wiring import AMMETER
 from servo_models.analysis.experiment import in_time
-from servo_models.core.simulate import Model, model
+from servo_models.catalogue import model
+from servo_models.core.simulate import Model
 from servo_models.core.types import Array
 from servo_models.data.log import Log
 from servo_models.data.sensor import REPEATS, RESIDUAL

@@ -19,8 +19,8 @@ from threadpoolctl import threadpool_info
 
 import servo_models as sm
 from servo_models.analysis.linear_model import LinearModel
-from servo_models.core.catalogue import actuators
-from servo_models.core.simulate import model, simulate
+from servo_models.analysis.simulate import simulate
+from servo_models.catalogue import actuators, model
 from servo_models.core.types import Array
 from servo_models.core.workers import Workers
 from servo_models.data.description import read_description

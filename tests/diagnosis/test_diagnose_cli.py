@@ -15,8 +15,9 @@ import numpy as np
 import pytest
 from jsonschema import ValidationError
 
+from servo_models.analysis.simulate import simulate
+from servo_models.catalogue import model
 from servo_models.cli import main
-from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
 from servo_models.data.description import read_description
 from servo_models.data.parameters import read_parameters

@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from servo_models.core.simulate import model, simulate
+from servo_models.analysis.simulate import simulate
+from servo_models.catalogue import model
 from servo_models.data.description import read_description
 from servo_models.diagnosis.diagnose import Diagnosis, diagnose
 from servo_models.diagnosis.search.selection import candidates

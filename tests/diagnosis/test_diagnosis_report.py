@@ -19,7 +19,8 @@ import pytest
 from matplotlib.figure import Figure
 from mcap.reader import make_reader
 
-from servo_models.core.simulate import model, simulate
+from servo_models.analysis.simulate import simulate
+from servo_models.catalogue import model
 from servo_models.core.types import Array
 from servo_models.data.description import Description
 from servo_models.data.log import Channel

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from servo_models.core.simulate import simulate
+from servo_models.analysis.simulate import simulate
 from servo_models.core.types import Array
 from servo_models.data.log import Log
 from servo_models.diagnosis.search.candidates import candidates

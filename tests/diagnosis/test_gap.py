@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from servo_models.core.simulate import model, simulate
+from servo_models.analysis.simulate import simulate
+from servo_models.catalogue import model
 from servo_models.core.types import Array
 from servo_models.data.audit import audits, noise_floors
 from servo_models.data.log import Log

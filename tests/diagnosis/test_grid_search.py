@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from servo_models.core.simulate import model
+from servo_models.catalogue import model
 from servo_models.core.types import Array
 from servo_models.diagnosis.search.candidates import (
     GRID_SPACING_IN_PERIODS,

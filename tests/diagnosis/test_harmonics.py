@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy.signal import lombscargle
 
-from servo_models.core.simulate import model, simulate
+from servo_models.analysis.simulate import simulate
+from servo_models.catalogue import model
 from servo_models.diagnosis.search.candidates import candidates
 from servo_models.diagnosis.search.fitting import FittedModel, Fitter
 from servo_models.diagnosis.search.harmonics import order_peaks, sine_powers

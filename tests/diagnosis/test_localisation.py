@@ -14,7 +14,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from servo_models.core.simulate import PLANTS, Model, model, simulate
+from servo_models.analysis.simulate import simulate
+from servo_models.catalogue import model
+from servo_models.core.simulate import PLANTS, Model
 from servo_models.core.types import Array
 from servo_models.data.log import Log
 from servo_models.diagnosis.localisation import Bin, Breakdown, localise

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from servo_models.core.simulate import model
+from servo_models.catalogue import model
 from servo_models.data.description import read_description
 from servo_models.data.tables import read_signals
 from servo_models.diagnosis import design

@@ -12,9 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binomtest
 
+from servo_models.catalogue import model
 from servo_models.core.block import Block
 from servo_models.core.plant import Placement
-from servo_models.core.simulate import model
 from servo_models.core.types import Array
 from servo_models.core.workers import Workers
 from servo_models.data.audit import audits, noise_floors

@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
-from servo_models.core.simulate import model
+from servo_models.catalogue import model
 from servo_models.core.types import Array
 from servo_models.data.sensor import difference_noise
 from servo_models.diagnosis.search.crossval import CrossValidation

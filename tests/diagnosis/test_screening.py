@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from scipy.optimize import least_squares, lsq_linear
 from scipy.stats import norm
 
-from servo_models.core.simulate import model, simulate
+from servo_models.analysis.simulate import simulate
+from servo_models.catalogue import model
 from servo_models.core.types import Array
 from servo_models.data.description import read_description
 from servo_models.diagnosis.search import grid_search as staircases

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from servo_models.core.simulate import model, simulate
+from servo_models.analysis.simulate import simulate
+from servo_models.catalogue import model
 from servo_models.core.stop import BY_CTRL_C
 from servo_models.core.types import Array
 from servo_models.data.description import Description

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from servo_models.core.simulate import model
+from servo_models.catalogue import model
 from servo_models.diagnosis.search.fitting import FittedModel, Fitter
 from servo_models.diagnosis.ticks import Answers, answers
 from servo_models.identification.problem import free_parameter

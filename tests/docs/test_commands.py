@@ -13,8 +13,9 @@ from typing import Any, NamedTuple
 import pytest
 import typer
 
+from servo_models.catalogue import all_actuators
 from servo_models.cli import USAGE_ERROR, app
-from servo_models.core.catalogue import all_actuators, effects
+from servo_models.effects import effects
 from studies.__main__ import GENERATOR
 from tests.conftest import Run
 from tests.support.document import ROOT, SAVED, STEP

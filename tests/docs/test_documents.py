@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest
 
-from servo_models.core.catalogue import actuators, effects
+from servo_models.catalogue import actuators
 from servo_models.diagnosis.schema import DiagnosisDocument
+from servo_models.effects import effects
 from servo_models.report.document import schema_of
 from servo_models.report.live import asset
 from tests.conftest import Run

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from servo_models.actuators import shaft
+from servo_models.catalogue import actuator
 from servo_models.core.block import RESERVED, Block
-from servo_models.core.catalogue import actuator, effects, effects_on
 from servo_models.core.plant import place
+from servo_models.effects import effects, effects_on
 from servo_models.effects.dead_zone import dead_zone
 from servo_models.effects.viscous_friction import viscous_friction
 from servo_models.errors import UserError

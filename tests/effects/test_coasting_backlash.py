@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from servo_models.core.simulate import Model, model, simulate
+from servo_models.analysis.simulate import simulate
+from servo_models.catalogue import model
+from servo_models.core.simulate import Model
 from servo_models.core.types import Array
 
 TIMES = np.arange(0.0, 0.6, 1e-3)

@@ -14,15 +14,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from servo_models.catalogue import actuators, model
 from servo_models.core.block import Block
-from servo_models.core.catalogue import actuators, effects
 from servo_models.core.compiled import plain_make
 from servo_models.core.flat import Flat, neutral_effects
 from servo_models.core.flatten import flatten
 from servo_models.core.plant import Placement, Plant
-from servo_models.core.simulate import Model, flat_of, model
+from servo_models.core.simulate import Model, flat_of
 from servo_models.core.stepper import step_text
 from servo_models.core.types import Array
+from servo_models.effects import effects
 from servo_models.units import exponents
 
 PLANTS = {

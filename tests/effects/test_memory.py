@@ -12,8 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import signal as scipy_signal
 
+from servo_models.analysis.simulate import simulate
+from servo_models.catalogue import model
 from servo_models.core.plant import place
-from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
 from servo_models.effects.backlash import backlash
 from servo_models.effects.dead_band import dead_band

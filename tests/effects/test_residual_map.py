@@ -11,7 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from servo_models.core.simulate import Model, model, simulate, with_output
+from servo_models.analysis.simulate import simulate
+from servo_models.catalogue import model
+from servo_models.core.simulate import Model, with_output
 from servo_models.core.types import Array
 from servo_models.data.arrays import describe
 from servo_models.data.log import Start

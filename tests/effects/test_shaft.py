@@ -10,8 +10,9 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.special import ellipk
 
+from servo_models.analysis.simulate import simulate
+from servo_models.catalogue import model
 from servo_models.core.plant import Placement, place
-from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
 from servo_models.effects.cogging import cogging
 from servo_models.effects.constant_load import constant_load

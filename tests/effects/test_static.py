@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+from servo_models.analysis.simulate import simulate
+from servo_models.catalogue import model
 from servo_models.core.block import Block
-from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
 from servo_models.effects.cogging import cogging
 from servo_models.effects.constant_load import constant_load

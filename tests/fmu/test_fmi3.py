@@ -22,10 +22,10 @@ from fmu_src.native import archive
 from fmu_src.native.archive import NATIVE3, headers, native_entries
 from fmu_src.variables import variables
 from servo_models.build import FMI3, build
-from servo_models.core.catalogue import actuator, actuators
+from servo_models.catalogue import actuator, actuators, model
 from servo_models.core.compilers import TARGETS, Compiler
 from servo_models.core.plant import Plant, Wire
-from servo_models.core.simulate import Model, model
+from servo_models.core.simulate import Model
 from servo_models.validation.fmu_subject import Subject
 from servo_models.validation.implementation import implementation_rows
 from tests.conftest import Run

@@ -22,8 +22,8 @@ from fmpy.validation import validate_fmu
 
 from servo_models.analysis.experiment import step
 from servo_models.build import NATIVE, build
-from servo_models.core.catalogue import actuators
-from servo_models.core.simulate import Model, model
+from servo_models.catalogue import actuators, model
+from servo_models.core.simulate import Model
 from servo_models.errors import UserError
 from tests.conftest import MODELS
 from tests.support.fmu_host import Host

@@ -19,7 +19,7 @@ import pytest
 from fmpy.fmi1 import FMICallException
 
 from servo_models.build import FMI3, NATIVE, PYTHON
-from servo_models.core.simulate import model
+from servo_models.catalogue import model
 from servo_models.errors import UserError
 from servo_models.validation.fmu_subject import Subject
 from tests.support.fmu_host import Host, place_in_x

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from servo_models.build import build
-from servo_models.core.catalogue import actuators
-from servo_models.core.simulate import Model, model
+from servo_models.catalogue import actuators, model
+from servo_models.core.simulate import Model
 from tests.conftest import MODELS
 from tests.support.fmu_host import Array, Host
 from tests.support.kinds import fmi2_only

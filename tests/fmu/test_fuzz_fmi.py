@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 
 from servo_models.build import FMI3, PYTHON
-from servo_models.core.catalogue import actuators
-from servo_models.core.simulate import model
+from servo_models.catalogue import actuators, model
 from tests.fuzz.fmi import run
 
 SEQUENCES = 60

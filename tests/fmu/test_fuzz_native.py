@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 
 from servo_models.build import FMI3, NATIVE
-from servo_models.core.catalogue import actuators
-from servo_models.core.simulate import model
+from servo_models.catalogue import actuators, model
 from tests.fuzz.native import compiled_driver, has, run, subject_of, unpacked
 
 SEQUENCES = {"plain": 160, "sanitize": 50, "valgrind": 10, "threads": 30}

@@ -19,7 +19,7 @@ from fmpy.fmi1 import FMICallException
 
 from fmu_src.native.archive import headers
 from servo_models.build import NATIVE, build
-from servo_models.core.simulate import model
+from servo_models.catalogue import model
 from tests.conftest import MODELS
 from tests.support.fmu_host import CALLBACKS, Host, place_in_x
 from tests.support.kinds import native_only

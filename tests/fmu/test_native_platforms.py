@@ -10,9 +10,8 @@ import pytest
 
 from fmu_src.native.archive import headers
 from servo_models.build import NATIVE, NATIVE_ARM, build
-from servo_models.core.catalogue import actuators
+from servo_models.catalogue import actuators, model
 from servo_models.core.compilers import zig
-from servo_models.core.simulate import model
 from tests.support.binaries import read_binary, slices
 
 pytestmark = [

@@ -16,8 +16,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from servo_models import check, diagnose, model, read_description, simulate
+from servo_models.analysis.simulate import Result
 from servo_models.build import build
-from servo_models.core.simulate import Model, Result
+from servo_models.core.simulate import Model
 from servo_models.core.types import Array
 from servo_models.core.workers import Workers
 from servo_models.data.scaffold import draft

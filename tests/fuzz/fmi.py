@@ -32,9 +32,9 @@ from fmpy.fmi1 import FMICallException
 
 from fmu_src.variables import variables
 from servo_models.build import FMI3, NATIVE, PYTHON, build
-from servo_models.core.catalogue import actuators
+from servo_models.catalogue import actuators, model
 from servo_models.core.compiled import plain_make
-from servo_models.core.simulate import Model, model
+from servo_models.core.simulate import Model
 from servo_models.core.stepper import step_text
 from tests.support.fmu_host import Host
 

@@ -576,7 +576,7 @@ def _encrypted(whole: bytes) -> bytes:
 def made_good(folder: Path) -> tuple[Path, Path]:
     """Write the actuator and build its FMU; return both paths."""
     from servo_models.build import build
-    from servo_models.core.simulate import model
+    from servo_models.catalogue import model
 
     source = folder / "joint.py"
     source.write_text(NO_REFERENCES)

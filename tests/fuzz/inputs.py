@@ -808,7 +808,7 @@ def warm(known: list[Base], folder: Path) -> None:
     for name in _in_process(functools.partial(_modules_of, known, folder), folder / "modules"):
         with contextlib.suppress(Exception):  # what is no module to import
             importlib.import_module(name)
-    from servo_models.core.catalogue import actuator
+    from servo_models.catalogue import actuator
     from servo_models.units import exponents
 
     for unit in ("1", "V", "deg", "ms", "rad", "rad/s", "s", "us"):

@@ -237,7 +237,7 @@ def write_log(path: Path) -> None:
 def prepare(folder: Path) -> None:
     """Write the inputs of every command."""
     from servo_models.build import build
-    from servo_models.core.simulate import model
+    from servo_models.catalogue import model
 
     write_log(folder / "log.csv")
     (folder / "rig.toml").write_text(DESCRIPTION)

@@ -31,8 +31,8 @@ import fmpy
 
 from fmu_src.native.archive import headers
 from servo_models.build import FMI3, NATIVE, build
-from servo_models.core.catalogue import actuators
-from servo_models.core.simulate import Model, model
+from servo_models.catalogue import actuators, model
+from servo_models.core.simulate import Model
 
 HERE = Path(__file__).parent
 SUPPORT = HERE.parent / "support"

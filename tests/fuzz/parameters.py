@@ -15,8 +15,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from servo_models.analysis.simulate import Result, simulate
+from servo_models.catalogue import model
 from servo_models.core.block import Param
-from servo_models.core.simulate import Model, Result, model, simulate
+from servo_models.core.simulate import Model
 from servo_models.core.types import Array
 from servo_models.errors import UserError
 

@@ -14,7 +14,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from servo_models.core.simulate import Model, model, simulate
+from servo_models.analysis.simulate import simulate
+from servo_models.catalogue import model
+from servo_models.core.simulate import Model
 from servo_models.core.types import Array
 from servo_models.data.description import Description, read_description
 from servo_models.data.log import Log

@@ -11,9 +11,10 @@ import polars as pl
 import pytest
 
 from servo_models.analysis.isolability import ambiguities, cause, experiment
-from servo_models.core.catalogue import effects
-from servo_models.core.simulate import model, simulate
+from servo_models.analysis.simulate import simulate
+from servo_models.catalogue import model
 from servo_models.core.types import Array
+from servo_models.effects import effects
 from servo_models.errors import UserError
 from servo_models.identification.check import check
 from servo_models.identification.fit import fit

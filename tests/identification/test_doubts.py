@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from servo_models.core.simulate import model, simulate
+from servo_models.analysis.simulate import simulate
+from servo_models.catalogue import model
 from tests.conftest import Run
 from tests.support.bench_log import NOISE, laid_out
 from tests.support.exact_motor import STEP, TRUE, prbs, rig

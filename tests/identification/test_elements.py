@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from servo_models.analysis.compare import overshoot, settling_time, time_to
-from servo_models.core.simulate import model
+from servo_models.catalogue import model
 from servo_models.core.types import Array
 from servo_models.errors import UserError
 from servo_models.identification.elements.estimate import BENT, Estimate, Figure

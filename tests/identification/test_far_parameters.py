@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
-from servo_models.core.simulate import model
+from servo_models.catalogue import model
 from servo_models.data.description import Description
 from servo_models.data.schema import Section
 from servo_models.identification.identify import identify

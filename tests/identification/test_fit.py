@@ -17,9 +17,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import curve_fit
 
+from servo_models.analysis.simulate import simulate
+from servo_models.catalogue import model
 from servo_models.core.block import Param
 from servo_models.core.plant import Parameter
-from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
 from servo_models.data.log import Channel
 from servo_models.errors import UserError

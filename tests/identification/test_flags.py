@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from servo_models.core.simulate import model, simulate
+from servo_models.analysis.simulate import simulate
+from servo_models.catalogue import model
 from servo_models.identification.identify import identify
 from tests.conftest import Run
 

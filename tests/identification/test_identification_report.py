@@ -20,8 +20,9 @@ from scipy.signal import lfilter
 
 from servo_models.analysis.figures import figures
 from servo_models.analysis.linearise import linearise
+from servo_models.analysis.simulate import simulate
 from servo_models.analysis.sine_test import hold
-from servo_models.core.simulate import model, simulate
+from servo_models.catalogue import model
 from servo_models.core.types import Array
 from servo_models.data.log import Channel, Log
 from servo_models.data.parameters import read_parameters

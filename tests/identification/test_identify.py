@@ -21,7 +21,7 @@ import fmpy
 import numpy as np
 import pytest
 
-from servo_models.core.simulate import simulate
+from servo_models.analysis.simulate import simulate
 from servo_models.data.parameters import ParameterSet, read_parameters
 from servo_models.identification import fit as fit_module
 from servo_models.identification.identify import identify

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from servo_models.core.simulate import model, simulate
+from servo_models.analysis.simulate import simulate
+from servo_models.catalogue import model
 from servo_models.data.audit import audits
 from servo_models.data.description import read_description
 from servo_models.data.outliers import outliers_of

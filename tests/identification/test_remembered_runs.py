@@ -11,7 +11,7 @@ import weakref
 import numpy as np
 import pytest
 
-from servo_models.core.simulate import model
+from servo_models.catalogue import model
 from servo_models.core.types import Array
 from servo_models.core.workers import Workers
 from servo_models.data.log import Log

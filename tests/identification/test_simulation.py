@@ -8,9 +8,10 @@ from typing import Annotated
 import numpy as np
 import pytest
 
+from servo_models.catalogue import model
 from servo_models.core.block import Param, block
 from servo_models.core.plant import Actuator, Plant, State, Variant, Wire
-from servo_models.core.simulate import Model, model
+from servo_models.core.simulate import Model
 from servo_models.core.types import Array
 from servo_models.data.log import Log
 from servo_models.errors import UserError

@@ -25,8 +25,8 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from servo_models.build import FMI3, NATIVE, PYTHON, build
-from servo_models.core.catalogue import actuators
-from servo_models.core.simulate import Model, model
+from servo_models.catalogue import actuators, model
+from servo_models.core.simulate import Model
 from servo_models.core.types import Array
 from tests.support.masters import stepped
 

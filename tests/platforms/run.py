@@ -27,9 +27,9 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from fmu_src.native.archive import NATIVE, headers, native_entries
-from servo_models.core.catalogue import actuators
+from servo_models.catalogue import actuators, model
 from servo_models.core.compilers import TARGETS, Target, zig
-from servo_models.core.simulate import Model, model
+from servo_models.core.simulate import Model
 from servo_models.files import cache_folder
 from tests.support.sources import ROOT
 

@@ -14,8 +14,10 @@ import numpy as np
 import pytest
 
 from servo_models.analysis.live import live_model
+from servo_models.analysis.simulate import simulate
+from servo_models.catalogue import model
 from servo_models.core.js_text import js_model
-from servo_models.core.simulate import Model, model, simulate
+from servo_models.core.simulate import Model
 from servo_models.core.types import Array
 from servo_models.data.log import Log, Start
 from servo_models.identification.live import live_logs

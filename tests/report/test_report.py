@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from servo_models.core.simulate import model, simulate
+from servo_models.analysis.simulate import simulate
+from servo_models.catalogue import model
 from servo_models.errors import UserError
 from servo_models.report.numbers import number
 from servo_models.report.result import report_of

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from servo_models.core.catalogue import effects
 from servo_models.data.parameters import Estimate, ParameterSet, write_parameters
 from servo_models.diagnosis.comparison.compare import compare
+from servo_models.effects import effects
 from servo_models.errors import UserError
 from servo_models.simulators import simulators
 from servo_models.simulators.export import export

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from servo_models.core.simulate import simulate
+from servo_models.analysis.simulate import simulate
 from servo_models.data.parameters import read_parameters, write_parameters
 from servo_models.diagnosis.diagnose import diagnose
 from servo_models.errors import UserError

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from servo_models.core.simulate import model
+from servo_models.catalogue import model
 from servo_models.core.types import Array
 from servo_models.diagnosis.search.candidates import Candidate, candidates
 from servo_models.diagnosis.search.fitting import FittedModel, Fitter

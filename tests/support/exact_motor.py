@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import cont2discrete
 
-from servo_models.core.simulate import Model, model
+from servo_models.catalogue import model
+from servo_models.core.simulate import Model
 from servo_models.core.types import Array
 from servo_models.data.log import Log
 from tests.support.logs import log_of

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from servo_models.core.simulate import Model, simulate
+from servo_models.analysis.simulate import simulate
+from servo_models.core.simulate import Model
 from servo_models.core.types import Array
 from servo_models.data.log import Channel, Log
 

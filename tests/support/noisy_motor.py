@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from servo_models.core.simulate import Model, model
+from servo_models.catalogue import model
+from servo_models.core.simulate import Model
 from servo_models.data.log import Log
 from tests.support.logs import measured
 

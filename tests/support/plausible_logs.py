@@ -8,9 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
+from servo_models.analysis.simulate import simulate
+from servo_models.catalogue import actuators, model
 from servo_models.core.bounds import is_outside
-from servo_models.core.catalogue import actuators
-from servo_models.core.simulate import Model, model, simulate
+from servo_models.core.simulate import Model
 from servo_models.core.types import Array
 from servo_models.data.description import Description
 from servo_models.data.log import Channel, Log

@@ -10,8 +10,8 @@ import pytest
 
 import servo_models.actuators
 import servo_models.validation
-from servo_models.core.catalogue import actuators, all_actuators
-from servo_models.core.simulate import Model, model
+from servo_models.catalogue import actuators, all_actuators, model
+from servo_models.core.simulate import Model
 from servo_models.validation.cases import all_cases, offered
 from servo_models.validation.responses import response_rows
 from servo_models.validation.rows import MODEL, Validation, judged

@@ -12,7 +12,8 @@ import servo_models.validation.sg90.paper as of_sg90
 import servo_models.validation.torque_motor.paper as of_motor
 from servo_models.analysis.linear_model import transfer_function
 from servo_models.analysis.linearise import linearise
-from servo_models.core.simulate import Model, model
+from servo_models.catalogue import model
+from servo_models.core.simulate import Model
 from servo_models.validation.rows import Row, figure
 
 

@@ -16,10 +16,11 @@ import numpy as np
 import pytest
 
 from servo_models.build import build
+from servo_models.catalogue import model
 from servo_models.core.block import Memory, Param, block
 from servo_models.core.plant import Actuator, Placement, Plant, State, Variant, Wire, place
 from servo_models.core.printer import Printer
-from servo_models.core.simulate import Model, model
+from servo_models.core.simulate import Model
 from servo_models.core.stepper import run_text
 from servo_models.core.types import Array
 from servo_models.effects.lag import lag

@@ -13,7 +13,7 @@ import fmpy
 import pytest
 
 from servo_models.build import build
-from servo_models.core.simulate import model
+from servo_models.catalogue import model
 from servo_models.errors import UserError
 from servo_models.validation.any_fmu.static import inspect
 from servo_models.validation.rows import Validation

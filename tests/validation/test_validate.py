@@ -17,9 +17,9 @@ import numpy as np
 import pytest
 
 from servo_models.build import build
-from servo_models.core.catalogue import actuator, actuators
+from servo_models.catalogue import actuator, actuators, model
 from servo_models.core.flat import Chunk
-from servo_models.core.simulate import Model, model
+from servo_models.core.simulate import Model
 from servo_models.core.types import Array
 from servo_models.errors import UserError
 from servo_models.report.interchange import conditions

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from scipy.stats import kstest, norm
 
 from servo_models.analysis.linearise import linearise
-from servo_models.core.catalogue import actuator
-from servo_models.core.simulate import model, simulate
+from servo_models.analysis.simulate import simulate
+from servo_models.catalogue import actuator, model
 from servo_models.validation.torque_motor.reference import Constants, Contact
 from servo_models.withheld.generator.cases import (
     CLEAN,

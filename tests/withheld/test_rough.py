@@ -11,7 +11,8 @@ import numpy as np
 import polars as pl
 import pytest
 
-from servo_models.core.simulate import model, simulate
+from servo_models.analysis.simulate import simulate
+from servo_models.catalogue import model
 from servo_models.core.types import Array
 from servo_models.data.description import read_description
 from servo_models.withheld.generator.cases import Case, draw_case

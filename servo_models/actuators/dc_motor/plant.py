@@ -25,8 +25,8 @@ from servo_models.actuators.wiring import (
     without,
 )
 from servo_models.core.block import Block
-from servo_models.core.catalogue import effects_on
 from servo_models.core.plant import Placement, Plant, State, Wire, internal_step, place
+from servo_models.effects import effects_on
 from servo_models.effects.gear_compliance import compliant_load, compliant_output, resonance_step
 from servo_models.effects.residual_map import residual_drive, residual_reading, residual_torque
 

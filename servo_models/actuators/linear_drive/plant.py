@@ -12,8 +12,8 @@ from servo_models.actuators.linear_drive import physics as drive
 from servo_models.actuators.shaft import free_shaft, shaft_acceleration, shaft_contact
 from servo_models.actuators.wiring import LEARNT, LOADS, input_scale, residual_curves
 from servo_models.core.block import Block
-from servo_models.core.catalogue import effects_on
 from servo_models.core.plant import Placement, Plant, State, Wire, internal_step, place
+from servo_models.effects import effects_on
 from servo_models.effects.gain_error import gain_error
 from servo_models.effects.load_inertia import load_inertia
 from servo_models.effects.residual_map import residual_drive, residual_reading, residual_torque

@@ -32,8 +32,8 @@ from servo_models.actuators.wiring import (
     turning,
 )
 from servo_models.core.block import Block
-from servo_models.core.catalogue import effects_on
 from servo_models.core.plant import Placement, Plant, Wire, internal_step, place
+from servo_models.effects import effects_on
 from servo_models.effects.coasting_backlash import (
     coasting_friction,
     coasting_load,

@@ -27,8 +27,8 @@ from servo_models.actuators.wiring import (
     residual_curves,
     without,
 )
-from servo_models.core.catalogue import effects_on
 from servo_models.core.plant import Plant, State, Wire, internal_step, place
+from servo_models.effects import effects_on
 from servo_models.effects.gear_compliance import compliant_load, compliant_output, resonance_step
 from servo_models.effects.residual_map import residual_drive, residual_reading, residual_torque
 

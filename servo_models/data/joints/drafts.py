@@ -8,7 +8,7 @@ import unicodedata
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
-from servo_models.core.catalogue import actuators, of_one_variant
+from servo_models.catalogue import actuators, of_one_variant
 from servo_models.core.own_actuator import key_from
 from servo_models.core.plant import Actuator, Variant, Wire
 from servo_models.data.description import read_description

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import importlib
 import io
 import os
 import re
@@ -300,17 +299,6 @@ def _are_two_runs(first: Array, second: Array) -> bool:
     turns = np.count_nonzero(np.diff(order < len(first)))
     ahead = float(first[0] - second[-1])
     return bool(turns > LEAST_RUN or ahead > LEAST_RUN * np.median(np.diff(first)))
-
-
-def extra(name: str, module: str) -> Any:
-    """Return the module of a library that only the extra ``name`` brings."""
-    try:
-        return importlib.import_module(module)
-    except ImportError as error:
-        raise UserError(
-            f"the library '{module.partition('.')[0]}' is not installed: pip install"
-            f" 'servo-models[{name}]'"
-        ) from error
 
 
 def column_of(name: str, values: Sequence[Any]) -> pl.Series:

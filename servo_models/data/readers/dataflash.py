@@ -9,7 +9,8 @@ import contextlib
 import io
 from typing import Any
 
-from servo_models.data.readers.columns import NUMBER, Source, Tables, column_of, extra
+from servo_models.data.readers.columns import NUMBER, Source, Tables, column_of
+from servo_models.errors import extra
 from servo_models.files import check_size
 
 SUFFIXES = (".bin",)

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from servo_models.data.readers.columns import NUMBER, Source, Tables, array_column, extra
-from servo_models.errors import UserError
+from servo_models.data.readers.columns import NUMBER, Source, Tables, array_column
+from servo_models.errors import UserError, extra
 from servo_models.files import check_size
 
 if TYPE_CHECKING:

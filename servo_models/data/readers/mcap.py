@@ -13,9 +13,9 @@ import json
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from servo_models.data.readers.columns import Source, Tables, extra
+from servo_models.data.readers.columns import Source, Tables
 from servo_models.data.readers.ros import message_columns, plain
-from servo_models.errors import UserError
+from servo_models.errors import UserError, extra
 from servo_models.files import check_size
 
 if TYPE_CHECKING:

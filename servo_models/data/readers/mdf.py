@@ -19,7 +19,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from servo_models.data.readers.columns import NUMBER, Source, Tables, array_column, extra
+from servo_models.data.readers.columns import NUMBER, Source, Tables, array_column
+from servo_models.errors import extra
 from servo_models.files import check_size
 
 if TYPE_CHECKING:

@@ -9,9 +9,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from servo_models.data.readers.columns import Source, Tables, extra
+from servo_models.data.readers.columns import Source, Tables
 from servo_models.data.readers.ros import message_columns, plain
-from servo_models.errors import UserError
+from servo_models.errors import UserError, extra
 from servo_models.files import check_size
 
 SUFFIXES = (".db3",)

@@ -9,8 +9,8 @@ from __future__ import annotations
 import io
 import struct
 
-from servo_models.data.readers.columns import Source, Tables, array_column, extra
-from servo_models.errors import UserError
+from servo_models.data.readers.columns import Source, Tables, array_column
+from servo_models.errors import UserError, extra
 
 SUFFIXES = (".ulg", ".ulog")
 HEADER = 16  # bytes of the header of a file

@@ -197,7 +197,7 @@ def _deflated(content: bytes) -> str:
 
 def asset(name: str) -> str:
     """Return a file of this folder: the panel's script and style, and those of uPlot."""
-    return files("servo_models.report.live").joinpath(name).read_text("utf-8")
+    return files(__package__).joinpath(name).read_text("utf-8")
 
 
 def scripts(panels: tuple[Live, ...]) -> list[str]:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from servo_models.core.simulate import Result, model, simulate
+from servo_models.analysis.simulate import Result, simulate
+from servo_models.catalogue import model
 from servo_models.report.sections import Picture, Section
 from servo_models.report.style import colour, label
 from servo_models.validation.cases import grid

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from servo_models.core.simulate import Result, model, simulate
+from servo_models.analysis.simulate import Result, simulate
+from servo_models.catalogue import model
 from servo_models.report.sections import Picture, Section
 from servo_models.report.style import colour, label
 from servo_models.validation.cases import grid

@@ -10,7 +10,8 @@ import numpy as np
 from servo_models.analysis.compare import overshoot, rise_time, settling_time, time_to
 from servo_models.analysis.linear_model import transfer_function
 from servo_models.analysis.linearise import linearise
-from servo_models.core.simulate import Result, model, simulate
+from servo_models.analysis.simulate import Result, simulate
+from servo_models.catalogue import model
 from servo_models.core.types import Array
 from servo_models.validation.cases import grid
 from servo_models.validation.rows import PAPER, Row, figure, not_reproducible

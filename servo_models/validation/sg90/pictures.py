@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from servo_models.analysis.figures import Figures, figures
-from servo_models.core.simulate import Result, model, simulate
+from servo_models.analysis.simulate import Result, simulate
+from servo_models.catalogue import model
 from servo_models.report.curves import draw_label
 from servo_models.report.numbers import ARROW, number, with_unit
 from servo_models.report.sections import Picture, Section

@@ -11,8 +11,9 @@ from servo_models.actuators.torque_motor.variants import EQ_12, grey_box
 from servo_models.analysis.compare import time_to
 from servo_models.analysis.linear_model import transfer_function
 from servo_models.analysis.linearise import linearise
+from servo_models.analysis.simulate import simulate
 from servo_models.analysis.sine_test import SineTest
-from servo_models.core.simulate import model, simulate
+from servo_models.catalogue import model
 from servo_models.core.types import Array
 from servo_models.validation.cases import grid
 from servo_models.validation.rows import Row, figure, not_reproducible

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from servo_models.analysis.simulate import Result, simulate
 from servo_models.analysis.sine_test import SineTest
-from servo_models.core.simulate import Result, model, simulate
+from servo_models.catalogue import model
 from servo_models.report.numbers import number, with_unit
 from servo_models.report.sections import Picture, Section
 from servo_models.report.style import colour, label
