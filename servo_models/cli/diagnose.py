@@ -6,64 +6,26 @@ import sys
 from datetime import date
 from math import isfinite
 from pathlib import Path
-from typing import Annotated
 
-import typer
-
-from servo_models.cli.options import (
-    Described,
-    Fitted,
-    Format,
-    Jobs,
-    Json,
-    Largest,
-    Printed,
-    Report,
-    Seed,
-    Trust,
-    check_outputs,
-    file_option,
-    time_option,
-    write_result,
-)
+from servo_models.cli.options import Format, check_outputs, write_result
 from servo_models.errors import UserError
 
 
 def diagnose(
-    description: Described,
-    json: Json = None,
-    report: Report = None,
-    out: Fitted = None,
-    map_: Annotated[
-        Path | None,
-        typer.Option(
-            "--map",
-            metavar="FILE",
-            help="Write the diagnosed model with its residual map, where one is learnt (.toml).",
-        ),
-    ] = None,
-    signals: Annotated[
-        Path | None,
-        file_option(
-            "Write what was measured, simulated and is left (.csv, .parquet, or .mcap, with a"
-            " layout of PlotJuggler beside it, .xml)."
-        ),
-    ] = None,
-    format_: Printed = Format.TEXT,
-    tolerance: Annotated[
-        float | None,
-        typer.Option(min=0.0, help="Gap in noise floors that counts as none; default 2."),
-    ] = None,
-    seed: Seed = 0,
-    jobs: Jobs = None,
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Stop at the first answer: effects one at a time.")
-    ] = False,
-    time_limit: Annotated[
-        float | None, time_option("Stop after this time, such as 60s, and tell the best.")
-    ] = None,
-    trust: Trust = False,
-    largest: Largest = None,
+    description: Path,
+    json: Path | None = None,
+    report: Path | None = None,
+    out: Path | None = None,
+    map_: Path | None = None,
+    signals: Path | None = None,
+    format_: Format = Format.TEXT,
+    tolerance: float | None = None,
+    seed: int = 0,
+    jobs: int | None = None,
+    quick: bool = False,
+    time_limit: float | None = None,
+    trust: bool = False,
+    largest: int | None = None,
 ) -> int:
     """Find out where a model and logs of the real thing differ, and why.
 

@@ -2,47 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated, Any
 
-import typer
-
-from servo_models.cli.options import Json, Largest, Trust, check_outputs, completing, write_result
+from servo_models.cli.options import check_outputs, write_result
 from servo_models.errors import UserError
 
 
-def _simulators(_: Any) -> Iterable[str]:
-    from servo_models.simulators import simulators
-
-    return simulators()
-
-
 def export(
-    params: Annotated[Path, typer.Argument(metavar="PARAMS", help="A parameter file, .toml.")],
-    to: Annotated[
-        str,
-        typer.Option(
-            metavar="SIMULATOR",
-            help="mujoco, isaaclab, jsbsim or ardupilot.",
-            autocompletion=completing(_simulators),
-        ),
-    ],
-    log: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DESCRIPTION", help="Logs to fit and judge on; default: a standard excitation."
-        ),
-    ] = None,
-    time_step: Annotated[
-        str | None, typer.Option(metavar="TIME", help="Of the simulator; default: its own.")
-    ] = None,
-    out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write the lines; default: print them.")
-    ] = None,
-    json: Json = None,
-    trust: Trust = False,
-    largest: Largest = None,
+    params: Path,
+    to: str,
+    log: Path | None = None,
+    time_step: str | None = None,
+    out: Path | None = None,
+    json: Path | None = None,
+    trust: bool = False,
+    largest: int | None = None,
 ) -> None:
     """Write the native fields of a simulator, refitted to a diagnosed actuator.
 

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from enum import Enum
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 
 class Thing(str, Enum):
@@ -16,15 +13,7 @@ class Thing(str, Enum):
     EXAMPLE = "example"
 
 
-def new(
-    thing: Annotated[Thing, typer.Argument(help="What to begin.")],
-    file: Annotated[
-        Path,
-        typer.Argument(
-            metavar="FILE", help="Python file of the actuator, or TOML file of the example."
-        ),
-    ],
-) -> None:
+def new(thing: Thing, file: Path) -> None:
     """Begin an actuator of your own, or with an example: write working files, to be adapted.
 
     The actuator is a position servo with the usual effects; every other command takes its file in

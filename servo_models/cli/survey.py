@@ -3,42 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
-
-import typer
-
-from servo_models.cli.options import Jobs, Largest, MadeBy, Seed, Trust, file_option, time_option
 
 
 def survey(
-    path: Annotated[
-        Path,
-        typer.Argument(
-            help="A robot's recording, a folder of descriptions or logs, or a table of logs (.csv)."
-        ),
-    ],
-    out: Annotated[
-        Path | None, file_option("Folder for what is found; default: beside the path, _survey.")
-    ] = None,
-    actuator: MadeBy = None,
-    before: Annotated[
-        Path | None, file_option("Folder of an earlier survey: what is new, worse, better?")
-    ] = None,
-    seed: Seed = 0,
-    jobs: Jobs = None,
-    scheduler: Annotated[
-        str | None,
-        typer.Option(metavar="ADDRESS", help="A Dask scheduler whose workers do the work."),
-    ] = None,
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Stop each at the first answer: effects one at a time.")
-    ] = False,
-    time_limit: Annotated[float | None, time_option("For each joint, such as 60s.")] = None,
-    reports: Annotated[
-        bool, typer.Option("--reports/--no-reports", help="Write a page for each joint.")
-    ] = True,
-    trust: Trust = False,
-    largest: Largest = None,
+    path: Path,
+    out: Path | None = None,
+    actuator: str | None = None,
+    before: Path | None = None,
+    seed: int = 0,
+    jobs: int | None = None,
+    scheduler: str | None = None,
+    quick: bool = False,
+    time_limit: float | None = None,
+    reports: bool = True,
+    trust: bool = False,
+    largest: int | None = None,
 ) -> int:
     """Diagnose all joints, episodes and units, and compare them.
 
@@ -80,7 +59,7 @@ def survey(
             quick,
             time_limit,
             trust,
-            tell=bar,
+            bar,
         )
         found.write_report(found.folder / "index.html", date.today().isoformat())
         write_whole(found.folder / "survey.json", f"{found.to_json()}\n".encode())
