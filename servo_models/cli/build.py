@@ -57,5 +57,5 @@ def build(
     jobs = [(chosen, kind) for chosen in models for kind in kinds_for(out, native, fmi)]
     with progress("building") as report:
         for done, (chosen, kind) in enumerate(jobs):
-            report(done, len(jobs), f"building {chosen.actuator.name}")
+            report(f"building {chosen.actuator.name}", done, len(jobs))
             print(write(chosen, path_of(chosen, out, kind), kind), flush=True)

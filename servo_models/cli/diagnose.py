@@ -69,8 +69,8 @@ def diagnose(
         raise UserError(f"--tolerance {allowed}: give a number of noise floors, such as 2")
     with progress("diagnosing") as bar:
 
-        def tell(text: str) -> None:
-            bar(0, None, text)
+        def tell(text: str, *_: object) -> None:
+            bar(text)
             if text.startswith(FIRST_ANSWER):
                 print(f"{text}{'' if quick else '; refining'}", file=sys.stderr, flush=True)
 
@@ -80,7 +80,7 @@ def diagnose(
         )
         folders = {path.parent for path in (json, report) if path}
         try:
-            bar(0, None, "looking for the next experiment")
+            bar("looking for the next experiment")
             result = result.with_commands(*folders)
         except KeyboardInterrupt:  # the search is over, and nothing of it is to be lost
             result = result.without_next(BY_CTRL_C)

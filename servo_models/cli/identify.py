@@ -45,7 +45,7 @@ def identify(
     names = [name.strip() for name in free.split(",") if name.strip()]
     with progress("identifying") as bar:
         told = read_description(description, trust)
-        outcome = run(told, names, search, starts, seed, jobs, lambda it: bar(0, None, it))
+        outcome = run(told, names, search, starts, seed, jobs, bar)
     written = []
     try:  # files come first: whoever reads the text may have seen enough and go
         if out and outcome.parameters:
