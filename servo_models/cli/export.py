@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 from servo_models.cli.options import check_outputs, write_result
-from servo_models.errors import UserError
 
 
 def export(
@@ -30,18 +29,12 @@ def export(
     servo-models export PARAMS.toml --to ardupilot --out servo.parm
     """
     from servo_models.cli.console import progress, show
-    from servo_models.data.schema import named_files
-    from servo_models.files import check_writable, write_whole
+    from servo_models.files import write_whole
     from servo_models.simulators import simulator
     from servo_models.simulators.export import export as run
 
     simulator(to)
-    check_outputs((json, ".json"), description=log)
-    if out:
-        read = [params, *(named_files(log) if log else [])]
-        if out.exists() and any(other.exists() and out.samefile(other) for other in read):
-            raise UserError(f"'{out}' is read, not written: choose another name")
-        check_writable(out)
+    check_outputs((json, ".json"), (out, ""), description=log, read=[params])
     with progress(f"fitting {to}"):
         result = run(params, to, log, time_step, trust)
     if out:

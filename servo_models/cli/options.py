@@ -27,16 +27,18 @@ class Format(str, Enum):
     GITHUB = "github"
 
 
-def check_outputs(*outputs: tuple[Path | None, str], description: Path | None = None) -> None:
-    """Check the names and suffixes of files to write before long work."""
+def check_outputs(
+    *outputs: tuple[Path | None, str], description: Path | None = None, read: Iterable[Path] = ()
+) -> None:
+    """Check the names and suffixes, "" for any, of files to write before long work."""
     from servo_models.data.schema import named_files
     from servo_models.files import check_writable
 
-    read = named_files(description) if description else []
+    inputs = [*read, *(named_files(description) if description else ())]
     for path, suffix in outputs:
-        if path and path.suffix.lower() != suffix:
+        if path and suffix and path.suffix.lower() != suffix:
             raise UserError(f"'{path}': let the name end in {suffix}")
-        if path and os.path.exists(path) and any(path.samefile(other) for other in read):
+        if path and os.path.exists(path) and any(path.samefile(it) for it in inputs if it.exists()):
             raise UserError(f"'{path}' is read, not written: choose another name")
         if path:
             check_writable(path)

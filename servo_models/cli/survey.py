@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from servo_models.cli.options import write_result
+
 
 def survey(
     path: Path,
@@ -39,30 +41,15 @@ def survey(
 
     servo-models survey fleet.csv --jobs 2 --time-limit 60s
     """
-    from datetime import date
-
     from servo_models.cli.console import progress, show
     from servo_models.diagnosis.verdict import NO_GAP
-    from servo_models.files import write_whole
     from servo_models.survey.survey import survey as run
 
     with progress("surveying", lines=True) as bar:
-        found = run(
-            path,
-            out,
-            actuator,
-            jobs,
-            scheduler,
-            reports,
-            before,
-            seed,
-            quick,
-            time_limit,
-            trust,
-            bar,
-        )
-        found.write_report(found.folder / "index.html", date.today().isoformat())
-        write_whole(found.folder / "survey.json", f"{found.to_json()}\n".encode())
+        limits = (seed, quick, time_limit, trust)
+        found = run(path, out, actuator, jobs, scheduler, reports, before, *limits, bar)
+        files = found.folder / "survey.json", found.folder / "index.html"
+        write_result(found, json=files[0], report=files[1])
     show(found.report())
-    print(f"see '{found.folder / 'index.html'}'")
+    print(f"see '{files[1]}'")
     return 0 if all(one.verdict == NO_GAP for one in found.outcomes) else 1

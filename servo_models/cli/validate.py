@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from servo_models.cli.options import Format, write_result
+from servo_models.cli.options import Format, check_outputs, write_result
 from servo_models.errors import UserError
 from servo_models.validation.host_process import LIMITS, Limits
 
@@ -57,15 +57,12 @@ def validate(
     from servo_models.cli.console import NARROW, print_commands, progress, show
     from servo_models.core.catalogue import actuator as find_actuator
     from servo_models.data.parameters import read_parameters
-    from servo_models.files import check_writable
     from servo_models.validation import formats, sections
     from servo_models.validation.any_fmu.experiment import Against
     from servo_models.validation.any_fmu.static import inspect
     from servo_models.validation.runner import validate as run
 
-    for path in (junit, report, summary):
-        if path:
-            check_writable(path)
+    check_outputs((junit, ""), (report, ""), (summary, ""))
     if actuator and not fmus:
         raise UserError("--actuator tells of what FMU files are: name them as well")
     asked = Against(inputs, reference, tolerance, cross_check, step, write_cross_check)
