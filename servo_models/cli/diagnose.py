@@ -18,7 +18,7 @@ def diagnose(
     out: Path | None = None,
     map_: Path | None = None,
     signals: Path | None = None,
-    format_: Format = Format.TEXT,
+    format_: Format = "text",
     tolerance: float | None = None,
     seed: int = 0,
     jobs: int | None = None,
@@ -92,9 +92,9 @@ def diagnose(
         result.write_signals(signals)
     if map_ and result.residual_map:
         write_parameters(result.map_parameter_set(today), map_)
-    if format_ is Format.JSON:
+    if format_ == "json":
         print(result.to_json())
-    elif format_ is Format.GITHUB:
+    elif format_ == "github":
         print_commands(github(result))
     else:
         show(result.report())

@@ -2,18 +2,11 @@
 
 from __future__ import annotations
 
-from enum import Enum
 from pathlib import Path
+from typing import Literal
 
 
-class Thing(str, Enum):
-    """What can be begun."""
-
-    ACTUATOR = "actuator"
-    EXAMPLE = "example"
-
-
-def new(thing: Thing, file: Path) -> None:
+def new(thing: Literal["actuator", "example"], file: Path) -> None:
     """Begin an actuator of your own, or with an example: write working files, to be adapted.
 
     The actuator is a position servo with the usual effects; every other command takes its file in
@@ -25,7 +18,7 @@ def new(thing: Thing, file: Path) -> None:
 
     servo-models new example servo.toml
     """
-    if thing is Thing.ACTUATOR:
+    if thing == "actuator":
         from servo_models.core.template import write_template
 
         write_template(file)

@@ -5,9 +5,8 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Mapping
 from copy import copy
-from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
 
 import typer
 from typer.models import OptionInfo
@@ -19,12 +18,7 @@ if TYPE_CHECKING:
     from servo_models.report.result import Result
 
 
-class Format(str, Enum):
-    """How a result is printed."""
-
-    TEXT = "text"
-    JSON = "json"
-    GITHUB = "github"
+Format = Literal["text", "json", "github"]
 
 
 def check_outputs(

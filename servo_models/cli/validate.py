@@ -31,7 +31,7 @@ def validate(
     junit: Path | None = None,
     summary: Path | None = None,
     report: Path | None = None,
-    format_: Format = Format.TEXT,
+    format_: Format = "text",
     every: bool = False,
     brief: bool = False,
 ) -> int:
@@ -91,9 +91,9 @@ def validate(
     if summary:
         formats.write_summary(result, summary)
     write_result(result, report=report)
-    if format_ is Format.JSON:
+    if format_ == "json":
         print(result.to_json())
-    elif format_ is Format.GITHUB:
+    elif format_ == "github":
         print_commands(formats.github(result))
     elif brief:
         show(sections.summary(result), NARROW)
