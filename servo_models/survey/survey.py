@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack, closing, suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from statistics import fmean
 
@@ -20,8 +21,8 @@ from servo_models.data.parameters import write_parameters
 from servo_models.errors import UserError
 from servo_models.files import write_with
 from servo_models.report.numbers import plural
-from servo_models.survey.engine import GRACE_FACTOR, Worker, here, on_cluster, processes, runner
-from servo_models.survey.job import Done, Job, Outcome, failed
+from servo_models.survey.engine import GRACE_FACTOR, Worker, here, on_cluster, processes
+from servo_models.survey.job import Done, Job, Outcome, failed, run
 from servo_models.survey.plan import DESCRIPTIONS, counted, plan
 from servo_models.survey.result import Survey, told_apart
 from servo_models.survey.store import Store, key_of, read_outcomes
@@ -97,7 +98,7 @@ def survey(
         work.do(lambda todo: on_cluster(todo, scheduler), "on the cluster", 1)
     else:
         where = f"on {plural(count, 'processor')}"
-        workers = [Worker(time_limit, failed, runner) for _ in range(count)]
+        workers = [Worker(time_limit, failed, partial, run) for _ in range(count)]
         work.do(lambda todo: here(todo, workers), where, count)
     outcomes = [
         structs.replace(work.outcomes[key], conditions=job.conditions)
