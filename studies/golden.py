@@ -621,12 +621,12 @@ def run(given: argparse.Namespace, folder: Path) -> int:
     known = json.loads(stored.read_text("utf-8")) if stored.exists() else {}
     hashes = {} if given.cases else check_inputs(jobs, known)
 
-    def tell(done: int, every: int) -> None:
+    def tell(_: str, done: int = 0, every: int | None = None) -> None:
         print(f"{done} of {every}", file=sys.stderr, flush=True)
 
     tasks = {job.name: job for job in jobs}
     out = given.out or folder / "answers.jsonl"
-    known_rows = work_through(out, tasks, answered, given.jobs, tell)
+    known_rows = work_through(out, tasks, answered, given.jobs, tell, "")
     rows = {name: known_rows[name] for name in tasks}
     if given.write:
         write(rows, hashes)

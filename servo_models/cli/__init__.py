@@ -18,6 +18,7 @@ import typer
 from typer.core import TyperGroup
 
 from servo_models.cli.console import disarmed
+from servo_models.cli.options import described
 from servo_models.errors import UserError, did_you_mean
 
 COMMANDS = (
@@ -76,7 +77,8 @@ def _options(
 
 for command in COMMANDS:
     module = {"list": "list_", "import": "import_"}.get(command, command)
-    app.command(name=command)(getattr(importlib.import_module(f"{__name__}.{module}"), module))
+    function = getattr(importlib.import_module(f"{__name__}.{module}"), module)
+    app.command(name=command)(described(command, function))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

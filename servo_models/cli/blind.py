@@ -3,29 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-import typer
-
-from servo_models.cli.options import Jobs, Json, Seed, check_outputs, write_result
+from servo_models.cli.options import check_outputs, write_result
 
 
 def blind(
-    cases: Annotated[int, typer.Option(min=1, help="Number of cases, dealt to the tiers in turn.")],
-    seed: Seed,
-    json: Json = None,
-    tiers: Annotated[
-        str, typer.Option(metavar="TIER,TIER", help="Tiers to draw from: easy, hard, poor, rough.")
-    ] = "easy,hard,poor",
-    folder: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR",
-            help="Keep cases and results, to go on after an interruption; default: a temporary"
-            " folder.",
-        ),
-    ] = None,
-    jobs: Jobs = None,
+    cases: int,
+    seed: int,
+    json: Path | None = None,
+    tiers: str = "easy,hard,poor",
+    folder: Path | None = None,
+    jobs: int | None = None,
 ) -> int:
     """Score the diagnosis on cases whose cause is withheld.
 

@@ -3,42 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-import typer
-
-from servo_models.cli.options import (
-    Params,
-    Trust,
-    Values,
-    Variant,
-    chosen_model,
-    complete_actuator,
-)
+from servo_models.cli.options import chosen_model
 from servo_models.errors import UserError
 
 
 def build(
-    actuator: Annotated[
-        str | None,
-        typer.Argument(
-            help="An actuator, or your own .py file; default all.", autocompletion=complete_actuator
-        ),
-    ] = None,
-    variant: Variant = None,
-    set_: Values = None,
-    params: Params = None,
-    trust: Trust = False,
-    out: Annotated[
-        Path, typer.Option(metavar="PATH", help="Folder of the FMUs, or one file .fmu.")
-    ] = Path("fmus"),
-    native: Annotated[
-        bool, typer.Option("--native", help="Native FMUs alone; refused without a C compiler.")
-    ] = False,
-    fmi: Annotated[
-        int,
-        typer.Option(min=2, max=3, metavar="2|3", help="Version of FMI; what is of 3 is native."),
-    ] = 2,
+    actuator: str | None = None,
+    variant: str | None = None,
+    set_: list[str] | None = None,
+    params: Path | None = None,
+    trust: bool = False,
+    out: Path = Path("fmus"),
+    native: bool = False,
+    fmi: int = 2,
 ) -> None:
     """Build FMUs for co-simulation.
 
@@ -78,5 +56,5 @@ def build(
     jobs = [(chosen, kind) for chosen in models for kind in kinds_for(out, native, fmi)]
     with progress("building") as report:
         for done, (chosen, kind) in enumerate(jobs):
-            report(done, len(jobs), f"building {chosen.actuator.name}")
+            report(f"building {chosen.actuator.name}", done, len(jobs))
             print(write(chosen, path_of(chosen, out, kind), kind), flush=True)

@@ -4,31 +4,17 @@ from __future__ import annotations
 
 import os.path
 from pathlib import Path
-from typing import Annotated
 
-import typer
-
-from servo_models.cli.options import Largest, MadeBy, Trust, file_option
 from servo_models.errors import UserError
 
 
 def check(
-    file: Annotated[
-        Path,
-        typer.Argument(
-            metavar="FILE", help="A description, .toml; with --init a log, or a robot's recording."
-        ),
-    ],
-    init: Annotated[
-        bool, typer.Option("--init", help="Write a first description of a log, to be edited.")
-    ] = False,
-    out: Annotated[
-        Path | None,
-        file_option("Where to write it; default: beside the log, .toml. Of a recording: a folder."),
-    ] = None,
-    actuator: MadeBy = None,
-    trust: Trust = False,
-    largest: Largest = None,
+    file: Path,
+    init: bool = False,
+    out: Path | None = None,
+    actuator: str | None = None,
+    trust: bool = False,
+    largest: int | None = None,
 ) -> int:
     """Check logs: sampling, readings, noise floor, and what they can and cannot determine.
 

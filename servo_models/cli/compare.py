@@ -3,28 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-import typer
-
-from servo_models.cli.options import Json, Report, Trust, check_outputs, write_result
+from servo_models.cli.options import check_outputs, write_result
 
 
 def compare(
-    files: Annotated[
-        list[Path],
-        typer.Argument(help="Diagnoses (.json) and parameter files (.toml).", metavar="FILE..."),
-    ],
-    on: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DESCRIPTION",
-            help="The logs; default: the description that a diagnosis names, beside its file.",
-        ),
-    ] = None,
-    report: Report = None,
-    json: Json = None,
-    trust: Trust = False,
+    files: list[Path],
+    on: Path | None = None,
+    report: Path | None = None,
+    json: Path | None = None,
+    trust: bool = False,
 ) -> None:
     """Compare diagnoses and parameter sets on the same logs.
 

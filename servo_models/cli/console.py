@@ -6,14 +6,13 @@ import io
 import os
 import re
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from servo_models.core.stop import Tell, silent
 from servo_models.report.result import Report
 from servo_models.report.terminal import text
-
-Progress = Callable[[int, int | None, str], None]  # steps done, of how many, what is done
 
 NARROW = 80  # columns of text for people, in a pipe too
 ONE_LINE = 2000  # characters of a line; no table row is longer, so that grep finds the whole row
@@ -73,26 +72,26 @@ def show(report: Report, width: int = ONE_LINE) -> None:
 
 
 @contextmanager
-def progress(label: str, lines: bool = False) -> Iterator[Progress]:
+def progress(label: str, lines: bool = False) -> Iterator[Tell]:
     """Show a bar on stderr while the block runs; in a pipe ``lines``, one a job, or nothing.
 
     ``SERVO_MODELS_PROGRESS=lines`` asks every command for lines, as ``explore --serve`` does.
     """
     if not sys.stderr.isatty():
         lines = lines or os.environ.get("SERVO_MODELS_PROGRESS") == "lines"
-        yield _print_job if lines else lambda done, total, doing: None
+        yield _print_job if lines else silent
         return
     from rich.console import Console
-    from rich.progress import Progress as Bar
+    from rich.progress import Progress
 
-    with Bar(console=Console(stderr=True), transient=True) as bar:
+    with Progress(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(label, total=None)
-        yield lambda done, total, doing: bar.update(
+        yield lambda doing, done=0, total=None: bar.update(
             task, completed=done, total=total, description=doing
         )
 
 
-def _print_job(done: int, total: int | None, doing: str) -> None:
+def _print_job(doing: str, done: int = 0, total: int | None = None) -> None:
     if doing:
         line = f"{done + 1} of {total}: {doing}"[:ONE_LINE] if total else doing
         print(line, file=sys.stderr, flush=True)

@@ -6,64 +6,26 @@ import sys
 from datetime import date
 from math import isfinite
 from pathlib import Path
-from typing import Annotated
 
-import typer
-
-from servo_models.cli.options import (
-    Described,
-    Fitted,
-    Format,
-    Jobs,
-    Json,
-    Largest,
-    Printed,
-    Report,
-    Seed,
-    Trust,
-    check_outputs,
-    file_option,
-    time_option,
-    write_result,
-)
+from servo_models.cli.options import Format, check_outputs, write_result
 from servo_models.errors import UserError
 
 
 def diagnose(
-    description: Described,
-    json: Json = None,
-    report: Report = None,
-    out: Fitted = None,
-    map_: Annotated[
-        Path | None,
-        typer.Option(
-            "--map",
-            metavar="FILE",
-            help="Write the diagnosed model with its residual map, where one is learnt (.toml).",
-        ),
-    ] = None,
-    signals: Annotated[
-        Path | None,
-        file_option(
-            "Write what was measured, simulated and is left (.csv, .parquet, or .mcap, with a"
-            " layout of PlotJuggler beside it, .xml)."
-        ),
-    ] = None,
-    format_: Printed = Format.TEXT,
-    tolerance: Annotated[
-        float | None,
-        typer.Option(min=0.0, help="Gap in noise floors that counts as none; default 2."),
-    ] = None,
-    seed: Seed = 0,
-    jobs: Jobs = None,
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Stop at the first answer: effects one at a time.")
-    ] = False,
-    time_limit: Annotated[
-        float | None, time_option("Stop after this time, such as 60s, and tell the best.")
-    ] = None,
-    trust: Trust = False,
-    largest: Largest = None,
+    description: Path,
+    json: Path | None = None,
+    report: Path | None = None,
+    out: Path | None = None,
+    map_: Path | None = None,
+    signals: Path | None = None,
+    format_: Format = "text",
+    tolerance: float | None = None,
+    seed: int = 0,
+    jobs: int | None = None,
+    quick: bool = False,
+    time_limit: float | None = None,
+    trust: bool = False,
+    largest: int | None = None,
 ) -> int:
     """Find out where a model and logs of the real thing differ, and why.
 
@@ -107,8 +69,8 @@ def diagnose(
         raise UserError(f"--tolerance {allowed}: give a number of noise floors, such as 2")
     with progress("diagnosing") as bar:
 
-        def tell(text: str) -> None:
-            bar(0, None, text)
+        def tell(text: str, *_: object) -> None:
+            bar(text)
             if text.startswith(FIRST_ANSWER):
                 print(f"{text}{'' if quick else '; refining'}", file=sys.stderr, flush=True)
 
@@ -118,7 +80,7 @@ def diagnose(
         )
         folders = {path.parent for path in (json, report) if path}
         try:
-            bar(0, None, "looking for the next experiment")
+            bar("looking for the next experiment")
             result = result.with_commands(*folders)
         except KeyboardInterrupt:  # the search is over, and nothing of it is to be lost
             result = result.without_next(BY_CTRL_C)
@@ -130,9 +92,9 @@ def diagnose(
         result.write_signals(signals)
     if map_ and result.residual_map:
         write_parameters(result.map_parameter_set(today), map_)
-    if format_ is Format.JSON:
+    if format_ == "json":
         print(result.to_json())
-    elif format_ is Format.GITHUB:
+    elif format_ == "github":
         print_commands(github(result))
     else:
         show(result.report())

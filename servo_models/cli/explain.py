@@ -3,32 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-import typer
-
-from servo_models.cli.options import Params, Trust, Variant, complete_name, file_option
 from servo_models.errors import UserError
 
 
 def explain(
-    name: Annotated[
-        str | None,
-        typer.Argument(
-            help="An actuator, your own .py file, or an effect.", autocompletion=complete_name
-        ),
-    ] = None,
-    variant: Variant = None,
-    params: Params = None,
-    trust: Trust = False,
-    picture: Annotated[Path | None, file_option("Draw its response to .svg, .png or .pdf.")] = None,
-    diagram: Annotated[
-        Path | None,
-        file_option("Draw the block diagram of an actuator to .svg, .png or .pdf."),
-    ] = None,
-    page: Annotated[
-        Path | None, file_option("Write a page that simulates it in a browser.")
-    ] = None,
+    name: str | None = None,
+    variant: str | None = None,
+    params: Path | None = None,
+    trust: bool = False,
+    picture: Path | None = None,
+    diagram: Path | None = None,
+    page: Path | None = None,
 ) -> None:
     """Explain an actuator, an effect or a parameter file.
 

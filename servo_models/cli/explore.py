@@ -3,40 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-import typer
-
-from servo_models.cli.options import MadeBy, Trust, check_outputs, complete_actuator, file_option
+from servo_models.cli.options import check_outputs
 
 
 def explore(
-    what: Annotated[
-        str | None,
-        typer.Argument(
-            metavar="[NAME | FILE]",
-            help="An actuator, an effect, a description (.toml) or a log; default: all actuators.",
-            autocompletion=complete_actuator,
-        ),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        file_option(
-            "The page that is written (.html); default: explore.html. With --serve the folder for"
-            " all that is saved; default: NAME_explored, beside the file."
-        ),
-    ] = None,
-    actuator: MadeBy = None,
-    show: Annotated[bool, typer.Option(help="Open the page in a browser.")] = True,
-    serve: Annotated[
-        bool,
-        typer.Option(
-            "--serve",
-            help="Serve the page to this machine alone, with buttons that run check, identify and"
-            " diagnose; Ctrl-C ends it.",
-        ),
-    ] = False,
-    trust: Trust = False,
+    what: str | None = None,
+    out: Path | None = None,
+    actuator: str | None = None,
+    show: bool = True,
+    serve: bool = False,
+    trust: bool = False,
 ) -> None:
     """Write a page that simulates in a browser, and open it.
 

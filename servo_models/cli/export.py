@@ -2,47 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated, Any
 
-import typer
-
-from servo_models.cli.options import Json, Largest, Trust, check_outputs, completing, write_result
-from servo_models.errors import UserError
-
-
-def _simulators(_: Any) -> Iterable[str]:
-    from servo_models.simulators import simulators
-
-    return simulators()
+from servo_models.cli.options import check_outputs, write_result
 
 
 def export(
-    params: Annotated[Path, typer.Argument(metavar="PARAMS", help="A parameter file, .toml.")],
-    to: Annotated[
-        str,
-        typer.Option(
-            metavar="SIMULATOR",
-            help="mujoco, isaaclab, jsbsim or ardupilot.",
-            autocompletion=completing(_simulators),
-        ),
-    ],
-    log: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DESCRIPTION", help="Logs to fit and judge on; default: a standard excitation."
-        ),
-    ] = None,
-    time_step: Annotated[
-        str | None, typer.Option(metavar="TIME", help="Of the simulator; default: its own.")
-    ] = None,
-    out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write the lines; default: print them.")
-    ] = None,
-    json: Json = None,
-    trust: Trust = False,
-    largest: Largest = None,
+    params: Path,
+    to: str,
+    log: Path | None = None,
+    time_step: str | None = None,
+    out: Path | None = None,
+    json: Path | None = None,
+    trust: bool = False,
+    largest: int | None = None,
 ) -> None:
     """Write the native fields of a simulator, refitted to a diagnosed actuator.
 
@@ -56,18 +29,12 @@ def export(
     servo-models export PARAMS.toml --to ardupilot --out servo.parm
     """
     from servo_models.cli.console import progress, show
-    from servo_models.data.schema import named_files
-    from servo_models.files import check_writable, write_whole
+    from servo_models.files import write_whole
     from servo_models.simulators import simulator
     from servo_models.simulators.export import export as run
 
     simulator(to)
-    check_outputs((json, ".json"), description=log)
-    if out:
-        read = [params, *(named_files(log) if log else [])]
-        if out.exists() and any(other.exists() and out.samefile(other) for other in read):
-            raise UserError(f"'{out}' is read, not written: choose another name")
-        check_writable(out)
+    check_outputs((json, ".json"), (out, ""), description=log, read=[params])
     with progress(f"fitting {to}"):
         result = run(params, to, log, time_step, trust)
     if out:

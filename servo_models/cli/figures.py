@@ -3,61 +3,23 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-import typer
-
-from servo_models.cli.options import (
-    Actuator,
-    Params,
-    Trust,
-    Values,
-    Variant,
-    assignments,
-    chosen_model,
-    complete_input,
-    file_option,
-)
+from servo_models.cli.options import assignments, chosen_model
 from servo_models.errors import UserError
 
 
 def figures(
-    actuator: Actuator = None,
-    variant: Variant = None,
-    set_: Values = None,
-    params: Params = None,
-    trust: Trust = False,
-    at: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="INPUT=VALUE",
-            help="Input at the working point; may be repeated. Default: at rest.",
-            autocompletion=complete_input,
-        ),
-    ] = None,
-    amplitude: Annotated[
-        str | None,
-        typer.Option(
-            metavar="VALUE",
-            help="Size of the command, as input or as output; default a tenth of the standard"
-            " step.",
-        ),
-    ] = None,
-    frequency: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="VALUE", help="Frequency at which gain and phase lag are told; may be repeated."
-        ),
-    ] = None,
-    out: Annotated[
-        Path | None, file_option("Write figures and A, B, C, D: .json, .mat or .npz.")
-    ] = None,
-    plot: Annotated[
-        Path | None, file_option("Draw step, gain, phase, poles and zeros to .svg, .png or .pdf.")
-    ] = None,
-    beside: Annotated[
-        list[Path] | None, file_option("Draw a parameter file beside it (.toml); may be repeated.")
-    ] = None,
+    actuator: str | None = None,
+    variant: str | None = None,
+    set_: list[str] | None = None,
+    params: Path | None = None,
+    trust: bool = False,
+    at: list[str] | None = None,
+    amplitude: str | None = None,
+    frequency: list[str] | None = None,
+    out: Path | None = None,
+    plot: Path | None = None,
+    beside: list[Path] | None = None,
 ) -> None:
     """Measure slew rate, bandwidth, delay, phase lag; linear state space A, B, C, D.
 

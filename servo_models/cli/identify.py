@@ -2,44 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from pathlib import Path
 
-import typer
-
-from servo_models.cli.options import (
-    Described,
-    Fitted,
-    Jobs,
-    Largest,
-    Report,
-    Seed,
-    Trust,
-    check_outputs,
-    write_result,
-)
+from servo_models.cli.options import check_outputs, write_result
 from servo_models.errors import UserError
 
 
 def identify(
-    description: Described,
-    free: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME,NAME",
-            help="Parameters to estimate, or effects; default: 'free' of the description, else"
-            " all with an uncertainty.",
-        ),
-    ] = "",
-    search: Annotated[
-        str, typer.Option(help="local (least squares) or global (CMA-ES, then least squares).")
-    ] = "local",
-    starts: Annotated[int, typer.Option(min=1, help="Local searches from different starts.")] = 1,
-    seed: Seed = 0,
-    jobs: Jobs = None,
-    out: Fitted = None,
-    report: Report = None,
-    trust: Trust = False,
-    largest: Largest = None,
+    description: Path,
+    free: str = "",
+    search: str = "local",
+    starts: int = 1,
+    seed: int = 0,
+    jobs: int | None = None,
+    out: Path | None = None,
+    report: Path | None = None,
+    trust: bool = False,
+    largest: int | None = None,
 ) -> int:
     """Estimate parameters from measured files.
 
@@ -66,7 +45,7 @@ def identify(
     names = [name.strip() for name in free.split(",") if name.strip()]
     with progress("identifying") as bar:
         told = read_description(description, trust)
-        outcome = run(told, names, search, starts, seed, jobs, lambda it: bar(0, None, it))
+        outcome = run(told, names, search, starts, seed, jobs, bar)
     written = []
     try:  # files come first: whoever reads the text may have seen enough and go
         if out and outcome.parameters:

@@ -3,28 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-import typer
-
-from servo_models.cli.options import Largest, check_outputs, file_option
+from servo_models.cli.options import check_outputs
 
 
 def import_(
-    file: Annotated[
-        str,
-        typer.Argument(
-            metavar="FILE[#JOINT]",
-            help="An MJCF, an Isaac Lab configuration, a JSBSim file, a .parm or BAM's JSON.",
-        ),
-    ],
-    inertia: Annotated[
-        str, typer.Option(metavar="INERTIA", help="That the joint carries beside its armature.")
-    ] = "0",
-    out: Annotated[
-        Path | None, file_option("Write a parameter file, .toml; default: show it.")
-    ] = None,
-    largest: Largest = None,
+    file: str, inertia: str = "0", out: Path | None = None, largest: int | None = None
 ) -> None:
     """Read nominal values from a simulator's file, each with what it came from.
 

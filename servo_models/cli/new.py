@@ -3,32 +3,14 @@
 from __future__ import annotations
 
 import os.path
-from enum import Enum
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated
-
-import typer
+from typing import Literal
 
 TEMPLATE = "my_servo"  # text beside this file, and the name of the actuator in it
 
 
-class Thing(str, Enum):
-    """What can be begun."""
-
-    ACTUATOR = "actuator"
-    EXAMPLE = "example"
-
-
-def new(
-    thing: Annotated[Thing, typer.Argument(help="What to begin.")],
-    file: Annotated[
-        Path,
-        typer.Argument(
-            metavar="FILE", help="Python file of the actuator, or TOML file of the example."
-        ),
-    ],
-) -> None:
+def new(thing: Literal["actuator", "example"], file: Path) -> None:
     """Begin an actuator of your own, or with an example: write working files, to be adapted.
 
     The actuator is a position servo with the usual effects; every other command takes its file in
@@ -40,7 +22,7 @@ def new(
 
     servo-models new example servo.toml
     """
-    if thing is Thing.ACTUATOR:
+    if thing == "actuator":
         write_template(file)
         print(f"wrote '{file}': adapt it, then 'servo-models explain {file}'")
     else:

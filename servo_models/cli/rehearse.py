@@ -2,48 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from pathlib import Path
 
-import typer
-
-from servo_models.cli.options import (
-    Described,
-    Jobs,
-    Json,
-    Largest,
-    Report,
-    Seed,
-    Trust,
-    assignments,
-    check_outputs,
-    time_option,
-    write_result,
-)
+from servo_models.cli.options import assignments, check_outputs, write_result
 
 
 def rehearse(
-    description: Described,
-    noise: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME=VALUE",
-            help="Standard deviation of an output, such as angle=0.1deg; may be repeated.",
-        ),
-    ] = None,
-    gap: Annotated[
-        list[float] | None,
-        typer.Option(help="Gap to be made [noise floors]; may be repeated; default 3 and 10."),
-    ] = None,
-    effects: Annotated[
-        str | None, typer.Option(metavar="A,B", help="Effects to try; default: all that are off.")
-    ] = None,
-    json: Json = None,
-    report: Report = None,
-    seed: Seed = 0,
-    jobs: Jobs = None,
-    time_limit: Annotated[float | None, time_option("For each diagnosis, such as 60s.")] = None,
-    trust: Trust = False,
-    largest: Largest = None,
+    description: Path,
+    noise: list[str] | None = None,
+    gap: list[float] | None = None,
+    effects: str | None = None,
+    json: Path | None = None,
+    report: Path | None = None,
+    seed: int = 0,
+    jobs: int | None = None,
+    time_limit: float | None = None,
+    trust: bool = False,
+    largest: int | None = None,
 ) -> int:
     """Ask what these commands would show, before anything is measured.
 
@@ -72,17 +47,8 @@ def rehearse(
 
     check_outputs((json, ".json"), (report, ".html"), description=description)
     with progress("rehearsing", lines=True) as bar:
-        found = run(
-            description,
-            assignments("--noise", noise or ()),
-            gap or GAPS,
-            effects.split(",") if effects else (),
-            jobs,
-            seed,
-            time_limit,
-            trust,
-            tell=bar,
-        )
+        noises, tried = assignments("--noise", noise or ()), effects.split(",") if effects else ()
+        found = run(description, noises, gap or GAPS, tried, jobs, seed, time_limit, trust, bar)
     write_result(found, json=json, report=report)
     show(found.report())
     failed = any(answer.told == FAILED for answer in found.answers)

@@ -3,24 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
-
-import typer
-
-from servo_models.cli.options import Seed, Trust, file_option
 
 
 def sample(
-    params: Annotated[
-        Path, typer.Argument(help="Parameter file of identify or diagnose.", metavar="PARAMS.toml")
-    ],
-    count: Annotated[int, typer.Option(min=1, help="Number of sets.")] = 1000,
-    seed: Seed = 0,
-    out: Annotated[
-        Path | None,
-        file_option("Write the sets in SI: .csv, .json (FMU start values), .ssv (SSP, one a set)."),
-    ] = None,
-    trust: Trust = False,
+    params: Path, count: int = 1000, seed: int = 0, out: Path | None = None, trust: bool = False
 ) -> None:
     """Draw parameter sets from an identified model; print ranges for domain randomisation.
 

@@ -3,52 +3,24 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-import typer
-
-from servo_models.cli.options import (
-    Actuator,
-    Largest,
-    Params,
-    Trust,
-    Values,
-    Variant,
-    assignments,
-    chosen_model,
-    complete_input,
-    file_option,
-)
+from servo_models.cli.options import assignments, chosen_model
 from servo_models.errors import UserError, told_at
 
 
 def simulate(
-    actuator: Actuator = None,
-    variant: Variant = None,
-    set_: Values = None,
-    params: Params = None,
-    trust: Trust = False,
-    largest: Largest = None,
-    step: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="INPUT=VALUE",
-            help="Step of an input at time 0; may be repeated. Default: the standard step.",
-            autocompletion=complete_input,
-        ),
-    ] = None,
-    inputs: Annotated[
-        Path | None,
-        file_option(
-            "Inputs over time instead: any file that 'check' reads, with a column 'time' and"
-            " columns such as 'voltage' or 'pulse_width \\[us]'; its rows are the communication"
-            " points."
-        ),
-    ] = None,
-    stop: Annotated[str | None, typer.Option(metavar="TIME", help="End of a step's run.")] = None,
-    dt: Annotated[str | None, typer.Option(metavar="TIME", help="Communication step.")] = None,
-    out: Annotated[Path | None, file_option("Write all signals to .csv or .parquet.")] = None,
-    plot: Annotated[Path | None, file_option("Draw all signals to .svg, .png or .pdf.")] = None,
+    actuator: str | None = None,
+    variant: str | None = None,
+    set_: list[str] | None = None,
+    params: Path | None = None,
+    trust: bool = False,
+    largest: int | None = None,
+    step: list[str] | None = None,
+    inputs: Path | None = None,
+    stop: str | None = None,
+    dt: str | None = None,
+    out: Path | None = None,
+    plot: Path | None = None,
 ) -> int:
     """Simulate a step, or a file of inputs.
 

@@ -3,42 +3,23 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-import typer
-
-from servo_models.cli.options import Jobs, Largest, MadeBy, Seed, Trust, file_option, time_option
+from servo_models.cli.options import write_result
 
 
 def survey(
-    path: Annotated[
-        Path,
-        typer.Argument(
-            help="A robot's recording, a folder of descriptions or logs, or a table of logs (.csv)."
-        ),
-    ],
-    out: Annotated[
-        Path | None, file_option("Folder for what is found; default: beside the path, _survey.")
-    ] = None,
-    actuator: MadeBy = None,
-    before: Annotated[
-        Path | None, file_option("Folder of an earlier survey: what is new, worse, better?")
-    ] = None,
-    seed: Seed = 0,
-    jobs: Jobs = None,
-    scheduler: Annotated[
-        str | None,
-        typer.Option(metavar="ADDRESS", help="A Dask scheduler whose workers do the work."),
-    ] = None,
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Stop each at the first answer: effects one at a time.")
-    ] = False,
-    time_limit: Annotated[float | None, time_option("For each joint, such as 60s.")] = None,
-    reports: Annotated[
-        bool, typer.Option("--reports/--no-reports", help="Write a page for each joint.")
-    ] = True,
-    trust: Trust = False,
-    largest: Largest = None,
+    path: Path,
+    out: Path | None = None,
+    actuator: str | None = None,
+    before: Path | None = None,
+    seed: int = 0,
+    jobs: int | None = None,
+    scheduler: str | None = None,
+    quick: bool = False,
+    time_limit: float | None = None,
+    reports: bool = True,
+    trust: bool = False,
+    largest: int | None = None,
 ) -> int:
     """Diagnose all joints, episodes and units, and compare them.
 
@@ -60,30 +41,15 @@ def survey(
 
     servo-models survey fleet.csv --jobs 2 --time-limit 60s
     """
-    from datetime import date
-
     from servo_models.cli.console import progress, show
     from servo_models.diagnosis.verdict import NO_GAP
-    from servo_models.files import write_whole
     from servo_models.survey.survey import survey as run
 
     with progress("surveying", lines=True) as bar:
-        found = run(
-            path,
-            out,
-            actuator,
-            jobs,
-            scheduler,
-            reports,
-            before,
-            seed,
-            quick,
-            time_limit,
-            trust,
-            tell=bar,
-        )
-        found.write_report(found.folder / "index.html", date.today().isoformat())
-        write_whole(found.folder / "survey.json", f"{found.to_json()}\n".encode())
+        limits = (seed, quick, time_limit, trust)
+        found = run(path, out, actuator, jobs, scheduler, reports, before, *limits, bar)
+        files = found.folder / "survey.json", found.folder / "index.html"
+        write_result(found, json=files[0], report=files[1])
     show(found.report())
-    print(f"see '{found.folder / 'index.html'}'")
+    print(f"see '{files[1]}'")
     return 0 if all(one.verdict == NO_GAP for one in found.outcomes) else 1

@@ -3,19 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
-
-from servo_models.cli.options import (
-    Format,
-    Printed,
-    Report,
-    Trust,
-    file_option,
-    time_option,
-    write_result,
-)
+from servo_models.cli.options import Format, check_outputs, write_result
 from servo_models.errors import UserError
 from servo_models.fmu.fmu import LIMITS, Limits
 
@@ -24,63 +14,26 @@ if TYPE_CHECKING:
 
 
 def validate(
-    fmus: Annotated[
-        list[Path] | None,
-        typer.Argument(metavar="[FMU]...", help="FMUs to validate; default: all actuators."),
-    ] = None,
-    params: Annotated[
-        Path | None, file_option("Parameter file, .toml: validate its FMU as well.")
-    ] = None,
-    trust: Trust = False,
-    actuator: Annotated[
-        Path | None, file_option("Python file of your own actuator, for its FMU files.")
-    ] = None,
-    timeout: Annotated[
-        float,
-        typer.Option(metavar="SECONDS", min=0.1, help="Longest run of an FMU for one case."),
-    ] = LIMITS.seconds,
-    memory: Annotated[
-        float, typer.Option(metavar="MB", min=64.0, help="Most memory of an FMU's process.")
-    ] = LIMITS.megabytes,
-    unpacked: Annotated[
-        float, typer.Option(metavar="MB", min=1.0, help="Most that an FMU may unpack to.")
-    ] = LIMITS.unpacked_megabytes,
-    inputs: Annotated[Path | None, file_option("Inputs of any FMU, CSV: time and columns.")] = None,
-    reference: Annotated[
-        Path | None, file_option("What its outputs must be, CSV: time and columns.")
-    ] = None,
-    tolerance: Annotated[Path | None, file_option("Tolerances by output, .toml.")] = None,
-    step: Annotated[
-        float | None,
-        time_option("Communication step, such as '1 ms'; default: the points of the reference."),
-    ] = None,
-    cross_check: Annotated[
-        Path | None,
-        typer.Option(metavar="FOLDER", help="Take <model>_in.csv, _ref.csv and _ref.opt from it."),
-    ] = None,
-    write_cross_check: Annotated[
-        Path | None,
-        typer.Option(metavar="FOLDER", help="Write these files, and <model>_out.csv, to it."),
-    ] = None,
-    static_only: Annotated[
-        bool,
-        typer.Option("--static-only", help="Look at the files of any FMU; load and run nothing."),
-    ] = False,
-    junit: Annotated[Path | None, file_option("Write the result as JUnit XML.")] = None,
-    summary: Annotated[
-        Path | None, file_option("Append the verdict in Markdown, as to $GITHUB_STEP_SUMMARY.")
-    ] = None,
-    report: Report = None,
-    format_: Printed = Format.TEXT,
-    every: Annotated[
-        bool, typer.Option("--all", help="Print every figure, not one a case.")
-    ] = False,
-    brief: Annotated[
-        bool,
-        typer.Option(
-            "--brief", help="Print the verdict and what failed; name each job as it begins."
-        ),
-    ] = False,
+    fmus: list[Path] | None = None,
+    params: Path | None = None,
+    trust: bool = False,
+    actuator: Path | None = None,
+    timeout: float = LIMITS.seconds,
+    memory: float = LIMITS.megabytes,
+    unpacked: float = LIMITS.unpacked_megabytes,
+    inputs: Path | None = None,
+    reference: Path | None = None,
+    tolerance: Path | None = None,
+    step: float | None = None,
+    cross_check: Path | None = None,
+    write_cross_check: Path | None = None,
+    static_only: bool = False,
+    junit: Path | None = None,
+    summary: Path | None = None,
+    report: Path | None = None,
+    format_: Format = "text",
+    every: bool = False,
+    brief: bool = False,
 ) -> int:
     """Validate FMUs: ours against simulation and references, any against a reference of yours.
 
@@ -104,19 +57,14 @@ def validate(
     from servo_models.catalogue import actuator as find_actuator
     from servo_models.cli.console import NARROW, print_commands, progress, show
     from servo_models.data.parameters import read_parameters
-    from servo_models.files import check_writable
     from servo_models.validation import formats, sections
     from servo_models.validation.any_fmu.experiment import Against
     from servo_models.validation.any_fmu.static import inspect
     from servo_models.validation.runner import validate as run
 
-    for path in (junit, report, summary):
-        if path:
-            check_writable(path)
+    check_outputs((junit, ""), (report, ""), (summary, ""))
     if actuator and not fmus:
         raise UserError("--actuator tells of what FMU files are: name them as well")
-    if step is not None and not step > 0.0:
-        raise UserError(f"--step '{step:g} s' is no step: give one such as --step '1 ms'")
     asked = Against(inputs, reference, tolerance, cross_check, step, write_cross_check)
     against = None if asked == Against() else asked
     _check(fmus, against, static_only)
@@ -143,9 +91,9 @@ def validate(
     if summary:
         formats.write_summary(result, summary)
     write_result(result, report=report)
-    if format_ is Format.JSON:
+    if format_ == "json":
         print(result.to_json())
-    elif format_ is Format.GITHUB:
+    elif format_ == "github":
         print_commands(formats.github(result))
     elif brief:
         show(sections.summary(result), NARROW)

@@ -1,4 +1,4 @@
-"""When a long search ends before it has tried everything."""
+"""Long work: who is told what goes on, and when a search ends before it has tried everything."""
 
 from __future__ import annotations
 
@@ -9,9 +9,20 @@ from contextlib import contextmanager
 from math import inf
 from time import monotonic
 from types import FrameType
+from typing import Protocol
 
 AT_FIRST_ANSWER = "at its first answer"
 BY_CTRL_C = "by Ctrl-C"
+
+
+class Tell(Protocol):
+    """Is told what goes on and, of work in jobs, how many of them are done."""
+
+    def __call__(self, text: str, done: int = 0, of: int | None = None, /) -> object: ...
+
+
+def silent(text: str, done: int = 0, of: int | None = None, /) -> None:
+    """Tell nobody what goes on."""
 
 
 class StoppedError(Exception):

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from servo_models.core.plant import check_known
-from servo_models.core.stop import Stop
+from servo_models.core.stop import Stop, Tell
 from servo_models.core.workers import Workers
 from servo_models.data.audit import LEAST_GAP, Audit, audits, noise_floors, noise_origins
 from servo_models.data.description import Description, read_description
@@ -19,7 +19,7 @@ from servo_models.diagnosis.ranking import estimates, probabilities, ranked_effe
 from servo_models.diagnosis.residual_map import learn
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.search.fitting import FittedModel, Fitter
-from servo_models.diagnosis.search.selection import Tell, select_effects
+from servo_models.diagnosis.search.selection import select_effects
 from servo_models.diagnosis.settings import DEFAULT, Settings
 from servo_models.diagnosis.stretches import Part, contradicted, held_out_scores, unlike_parts
 from servo_models.diagnosis.verdict import OUTSIDE, decide

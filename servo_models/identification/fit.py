@@ -9,6 +9,7 @@ import numpy as np
 
 from servo_models.core.plant import check_known
 from servo_models.core.simulate import Model
+from servo_models.core.stop import Tell, silent
 from servo_models.core.types import Array
 from servo_models.core.workers import Workers
 from servo_models.data.audit import audits, noise_floors, show_motion
@@ -22,7 +23,6 @@ from servo_models.identification.optimise import (
     LOCAL,
     SEARCHES,
     Optimum,
-    Progress,
     polished,
     search,
 )
@@ -56,7 +56,7 @@ def fit(
     starts: int = 1,
     seed: int = 0,
     jobs: int | None = None,
-    progress: Progress | None = None,
+    progress: Tell = silent,
     bounds: Mapping[str, tuple[float, float]] | None = None,
     where: object = None,
 ) -> Identification:
@@ -89,10 +89,10 @@ def fit(
     ]
     with Workers(jobs) as workers:
         problem = Problem(model, logs, chosen, workers=workers)
-        return _fitted(problem, kind, starts, seed, progress or (lambda _: None))
+        return _fitted(problem, kind, starts, seed, progress)
 
 
-def _fitted(problem: Problem, kind: str, starts: int, seed: int, tell: Progress) -> Identification:
+def _fitted(problem: Problem, kind: str, starts: int, seed: int, tell: Tell) -> Identification:
     # effects to be freed are still off
     nominal = Problem(problem.model, problem.logs, [], sigma=problem.sigma)
     before = nominal.responses(np.empty(0))
@@ -119,9 +119,7 @@ def _widened(problem: Problem, vector: Array) -> list[Free]:
     ]
 
 
-def _reweighted_search(
-    problem: Problem, optimum: Optimum, tell: Progress
-) -> tuple[Problem, Optimum]:
+def _reweighted_search(problem: Problem, optimum: Optimum, tell: Tell) -> tuple[Problem, Optimum]:
     """Search again while each output is weighted by its own error."""
     # one weight on everything moves no optimum
     moving = len(problem.sigma) > 1 or any(free.prior for free in problem.free)
@@ -145,7 +143,7 @@ def _concluded(
     before: list[dict[str, Array]],
     kind: str,
     starts: int,
-    tell: Progress,
+    tell: Tell,
 ) -> Identification:
     """Standard errors of a fit, and what makes it doubtful."""
     tell("standard errors")

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from servo_models.analysis.figures import Figures, figures
+from servo_models.core.stop import Tell, silent
 from servo_models.data.description import (
     ELEMENTS,
     SIMULATION,
@@ -35,7 +36,7 @@ from servo_models.data.parameters import (
 from servo_models.errors import UserError
 from servo_models.identification.elements.identify import identify_elements
 from servo_models.identification.fit import fit, fixed_by
-from servo_models.identification.optimise import LOCAL, Progress
+from servo_models.identification.optimise import LOCAL
 from servo_models.identification.result import FIT, HELD_OUT, Identification, doubts
 from servo_models.identification.transfer.identify import identify_transfer
 from servo_models.identification.transfer.sweeps import raw_records, read_sweeps
@@ -98,7 +99,7 @@ def identify(
     starts: int = 1,
     seed: int = 0,
     jobs: int | None = None,
-    progress: Progress | None = None,
+    progress: Tell = silent,
 ) -> Outcome:
     """Estimate parameters of an actuator from the measured files of a description.
 
@@ -163,7 +164,7 @@ def method_of(told: Description) -> str:
     return TRANSFER_FUNCTION if "sweeps" in told.document else SIMULATION
 
 
-def _by_transfer_function(told: Description, progress: Progress | None) -> Outcome:
+def _by_transfer_function(told: Description, progress: Tell) -> Outcome:
     sweeps = read_sweeps(told.document, told.path.parent, told.model.plant, told.logs)
     of_sweeps = raw_records(told.document)
     transfer = identify_transfer(
@@ -171,7 +172,7 @@ def _by_transfer_function(told: Description, progress: Progress | None) -> Outco
         sweeps,
         model=told.model,
         known_errors=told.uncertainty,
-        progress=progress or (lambda _: None),
+        progress=progress,
     )
     files = hashes(told.logs) | _sweep_hashes(told)
     method = f"transfer function, {transfer.chosen.name}; grey box"

@@ -24,11 +24,10 @@ from typing import Any
 
 import numpy as np
 
+from servo_models.core.stop import Tell
 from servo_models.core.types import Array
 from servo_models.identification.linear_inference import ROUNDING, information, moved, units
 from servo_models.identification.problem import DIFFERENCE, Problem
-
-Progress = Callable[[str], None]
 
 LOCAL = "local"
 GLOBAL = "global"
@@ -90,7 +89,7 @@ def search(
     kind: str,
     starts: int,
     seed: int,
-    tell: Progress,
+    tell: Tell,
     smooth: bool = False,
 ) -> Optimum:
     """Minimise the problem's squared residuals.
@@ -129,7 +128,7 @@ def search(
     return Optimum(vector, cost, met and not stopped, stopped, costs, widths)
 
 
-def polished(problem: Problem, optimum: Optimum, seed: int, tell: Progress) -> Optimum:
+def polished(problem: Problem, optimum: Optimum, seed: int, tell: Tell) -> Optimum:
     """Return a better point than a search on a rough surface has found, or the same.
 
     Least squares end in the first dent.  CMA-ES goes on over the dents, in the region in which
@@ -144,7 +143,7 @@ def polished(problem: Problem, optimum: Optimum, seed: int, tell: Progress) -> O
     return replace(optimum, vector=vector, cost=cost)
 
 
-def _polish(problem: Problem, seed: int, tell: Progress) -> None:
+def _polish(problem: Problem, seed: int, tell: Tell) -> None:
     """One run of CMA-ES about the best point, over the values off their bounds."""
     cost, vector = problem.memory.best
     inner = [i for i, side in enumerate(problem.sides(vector)) if not side]
@@ -384,7 +383,7 @@ def _moved(
     return _Point(vector, errors, slopes, fresh=False)
 
 
-def _explore(problem: Problem, seed: int, tell: Progress) -> None:
+def _explore(problem: Problem, seed: int, tell: Tell) -> None:
     """CMA-ES over the box of plausible values, again with twice the population from elsewhere."""
     low, high = _box(problem)
     p = len(problem.free)
@@ -412,7 +411,7 @@ def _evolve(
     middle: Array,
     reach: float,
     options: dict[str, Any],
-    tell: Progress,
+    tell: Tell,
 ) -> None:
     """One run of CMA-ES; the problem remembers the best point.
 

@@ -12,6 +12,7 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from contextlib import closing
 from dataclasses import replace
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from queue import SimpleQueue
@@ -67,11 +68,6 @@ def processes(jobs: int | None) -> int:
     if jobs is not None and jobs < 1:
         raise UserError(f"jobs {jobs}: give a number of processes, 1 or more")
     return jobs or os.cpu_count() or 1
-
-
-def runner() -> Callable[[Job], Done]:
-    """Return what does a job, in a process of its own."""
-    return run
 
 
 def here(jobs: Iterator[Any], workers: Sequence[Worker]) -> Generator[Any, None, None]:
@@ -159,7 +155,7 @@ _there = threading.local()  # with the process of a thread of a Dask worker
 def _done_there(job: Job) -> Done:
     limit = job.options.get("time_limit")
     if getattr(_there, "limit", "of no job yet") != limit:
-        _there.limit, _there.worker = limit, Worker(limit, failed, runner)
+        _there.limit, _there.worker = limit, Worker(limit, failed, partial, run)
     done: Done = _there.worker(job)
     return done
 

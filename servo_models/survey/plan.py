@@ -10,12 +10,13 @@ import os
 import re
 import time
 from collections import defaultdict
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain, count
 from pathlib import Path
 from typing import TypeVar
 
+from servo_models.core.stop import Tell, silent
 from servo_models.data.description import code_of, read_description, tells_of_logs
 from servo_models.data.joints.data_sets import HELD_OUT_PERIOD
 from servo_models.data.joints.drafts import as_file, files_of, recording, write_joints
@@ -34,9 +35,6 @@ LOG, UNIT, JOINT = "log", "unit", "joint"  # columns of a table of logs; others 
 TELL_SECONDS = 5.0  # between words on how far a long look has come
 
 T = TypeVar("T")
-Tell = Callable[[int, int | None, str], None]
-"""Is told how many jobs were done before this one, how many there are, and what came of it; at
-first, without these numbers, what there is to do."""
 
 
 @dataclass
@@ -195,7 +193,7 @@ def plan(
     survey: Path,
     actuator: str | None = None,
     trust: bool = False,
-    tell: Tell = lambda *_: None,
+    tell: Tell = silent,
 ) -> Plan:
     """Return the jobs that a path holds, with first descriptions in the folder of the survey.
 
@@ -244,7 +242,7 @@ def counted(items: Collection[T], tell: Tell, doing: str) -> Iterator[T]:
     for done, item in enumerate(items):
         if time.monotonic() - last > TELL_SECONDS:
             last = time.monotonic()
-            tell(0, None, f"{doing}: {done} of {len(items)}")
+            tell(f"{doing}: {done} of {len(items)}")
         yield item
 
 

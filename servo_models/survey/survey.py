@@ -8,20 +8,22 @@ from collections import Counter
 from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack, closing, suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from statistics import fmean
 
 from msgspec import structs
 
 from servo_models.core.own_actuator import is_file
+from servo_models.core.stop import Tell, silent
 from servo_models.data.joints.drafts import as_file
 from servo_models.data.parameters import write_parameters
 from servo_models.errors import UserError
 from servo_models.files import write_with
 from servo_models.report.numbers import plural
-from servo_models.survey.engine import GRACE_FACTOR, Worker, here, on_cluster, processes, runner
-from servo_models.survey.job import Done, Job, Outcome, failed
-from servo_models.survey.plan import DESCRIPTIONS, Tell, counted, plan
+from servo_models.survey.engine import GRACE_FACTOR, Worker, here, on_cluster, processes
+from servo_models.survey.job import Done, Job, Outcome, failed, run
+from servo_models.survey.plan import DESCRIPTIONS, counted, plan
 from servo_models.survey.result import Survey, told_apart
 from servo_models.survey.store import Store, key_of, read_outcomes
 
@@ -45,7 +47,7 @@ def survey(
     quick: bool = False,
     time_limit: float | None = None,
     trust: bool = False,
-    tell: Tell | None = None,
+    tell: Tell = silent,
 ) -> Survey:
     """Check and diagnose every joint of every unit, and compare them.
 
@@ -80,14 +82,13 @@ def survey(
     folder = Path(out) if out else root.parent / f"{root.stem or root.resolve().name}_survey"
     count = processes(jobs)
     earlier = told_apart(read_outcomes(Path(before))) if before else ()
-    tell = tell or (lambda *_: None)
     store = Store(folder)
-    tell(0, None, f"looking for joints in '{root}'; what is found goes to '{folder}'")
+    tell(f"looking for joints in '{root}'; what is found goes to '{folder}'")
     planned = plan(root, folder, actuator, trust, tell)
     drafts = folder.resolve() / DESCRIPTIONS
     if guessed := sum(drafts in one.description.parents for one in planned.jobs):
         ours = f"{plural(guessed, 'description')} of ours in '{folder / DESCRIPTIONS}'"
-        tell(0, None, f"{ours}: look at what is guessed there")
+        tell(f"{ours}: look at what is guessed there")
     options = {"seed": seed, "quick": quick, "time_limit": time_limit}
     work = _Work(store, tell)
     for job in counted(planned.jobs, tell, "joints whose data were read"):
@@ -97,7 +98,7 @@ def survey(
         work.do(lambda todo: on_cluster(todo, scheduler), "on the cluster", 1)
     else:
         where = f"on {plural(count, 'processor')}"
-        workers = [Worker(time_limit, failed, runner) for _ in range(count)]
+        workers = [Worker(time_limit, failed, partial, run) for _ in range(count)]
         work.do(lambda todo: here(todo, workers), where, count)
     outcomes = [
         structs.replace(work.outcomes[key], conditions=job.conditions)
@@ -156,7 +157,7 @@ class _Work:
             most = rounds * GRACE_FACTOR * (limit or SHORT_SECONDS)
             left = f" {where}, {'' if limit else UNKNOWN}at most about {duration(most)}"
         joints = f"{plural(every, 'joint')} of {plural(units, 'unit')}"
-        self.tell(0, None, f"{joints}: {before} done{failures}, {every - before} to do{left}")
+        self.tell(f"{joints}: {before} done{failures}, {every - before} to do{left}")
         try:
             while len(self.outcomes) < every:
                 with closing(engine(self._todo())) as results:
@@ -191,7 +192,7 @@ class _Work:
         begun = done - before + min(len(self.claims), processes) / 2  # what is in hand: half done
         left = duration((time.monotonic() - self.begin) / begun * (every - before - begun))
         said = outcome.failure or outcome.sentence
-        self.tell(done - 1, every, f"{left} left; {outcome.unit} {outcome.joint}: {said}")
+        self.tell(f"{left} left; {outcome.unit} {outcome.joint}: {said}", done - 1, every)
 
 
 def duration(seconds: float) -> str:

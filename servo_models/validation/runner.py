@@ -18,6 +18,7 @@ from servo_models.build import build
 from servo_models.catalogue import actuators, model
 from servo_models.core.plant import Actuator
 from servo_models.core.simulate import Model
+from servo_models.core.stop import Tell, silent
 from servo_models.errors import UserError
 from servo_models.files import scratch
 from servo_models.fmu.fmu import LIMITS, Fmu, Limits
@@ -31,14 +32,13 @@ from servo_models.validation.implementation import implementation_rows
 from servo_models.validation.responses import cost_curve, named_cases, plain_row, response_rows
 from servo_models.validation.rows import MODEL, CostCurve, Row, Validation, failure
 
-Progress = Callable[[int, int, str], None]  # jobs done, of how many, the next
 Job = tuple[str, Callable[[], list[Row] | CostCurve | ReferenceCheck]]
 """Name and function of an examination; no rows after the FMU stopped: its first row says why."""
 
 
 def validate(
     subjects: Iterable[Model | str | Path] | None = None,
-    on_progress: Progress | None = None,
+    on_progress: Tell = silent,
     own: Actuator | None = None,
     limits: Limits = LIMITS,
     against: Against | None = None,
@@ -57,7 +57,7 @@ def validate(
         subjects: FMU files, or models that are built first; None for every actuator and
             every plant of it.
         own: an actuator of your own, which its FMU files need; there are no references for it.
-        on_progress: is told of the jobs; the last call is (n, n, "").
+        on_progress: is told of the jobs; the last call is ("", n, n).
         limits: of time, memory and size for each FMU.
         against: a reference for every FMU, which then may be anybody's; None for the one that
             an FMU of another maker carries.
@@ -106,8 +106,7 @@ def validate(
             ),
         ]
         for done, (label, work) in enumerate(jobs):
-            if on_progress:
-                on_progress(done, len(jobs), label)
+            on_progress(label, done, len(jobs))
             began = perf_counter()
             result = work()
             spent = perf_counter() - began
@@ -118,8 +117,7 @@ def validate(
                 outputs += result.compared
                 result = list(result.rows)
             rows += [replace(row, seconds=spent / len(result)) for row in result]
-        if on_progress:
-            on_progress(len(jobs), len(jobs), "")
+        on_progress("", len(jobs), len(jobs))
     return Validation(tuple(rows), tuple(curves), conditions(), tuple(outputs))
 
 

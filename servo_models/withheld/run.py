@@ -25,6 +25,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
+from servo_models.core.stop import Tell
 from servo_models.core.workers import python
 from servo_models.errors import UserError, did_you_mean
 from servo_models.files import being_written, write_whole
@@ -36,8 +37,6 @@ from servo_models.withheld.oracle import Diagnosed, Known, Question, ask_oracle,
 from servo_models.withheld.score import NOTHING, Cases, join
 
 GENERATE = "from servo_models.withheld.generator.__main__ import main; sys.exit(main())"
-Tell = Callable[[int, int, str], None]
-"""Called with cases done, cases in all, and what is being done."""
 Task = TypeVar("Task")
 Row = dict[str, Any]
 
@@ -110,7 +109,8 @@ def run_blind(
             {case.name: case for case in sorted((folder / "cases").iterdir())},
             diagnose_case,
             workers,
-            lambda done, every: tell(done, every, "diagnosing"),
+            tell,
+            "diagnosing",
         ).items()
     }
     answers = unlock(folder, seal)
@@ -125,7 +125,8 @@ def run_blind(
             },
             ask_oracle,
             workers,
-            lambda done, every: tell(done, every, "asking the oracle"),
+            tell,
+            "asking the oracle",
         ).items()
     }
     return Check(asked.seed, asked.tiers, seal, join(answers, said, known), conditions())
@@ -198,7 +199,7 @@ def _generated(folder: Path, asked: Asked, tell: Tell) -> str:
             said = line.strip()
             done, slash, every = said.partition("/")
             if slash and done.isdecimal() and every.isdecimal():
-                tell(int(done), int(every), "generating")
+                tell("generating", int(done), int(every))
         seal = process.stdout.read().strip()
     if process.returncode:
         raise UserError(f"the generator cannot write '{folder}': {said.removeprefix('error: ')}")
@@ -237,7 +238,8 @@ def work_through(
     tasks: Mapping[str, Task],
     do: Callable[[Task], Row],
     jobs: int,
-    tell: Callable[[int, int], None],
+    tell: Tell,
+    doing: str,
 ) -> dict[str, Row]:
     """Return what ``do`` makes of every task, by case; what ``path`` holds is not done again.
 
@@ -246,14 +248,14 @@ def work_through(
         tasks: by case.
         do: from a task to a row with its ``"case"``, a function of a module.
         jobs: processes.
-        tell: is told how many cases are done, and how many there are.
+        tell: is told how many cases are done, and what goes on: ``doing``.
 
     Raises:
         UserError: tasks failed, or ended their process; all others are kept.
     """
     rows = _read(path)
     left = [item for item in tasks.items() if item[0] not in rows]
-    tell(len(rows), len(tasks))
+    tell(doing, len(rows), len(tasks))
     failed: dict[str, str] = {}
     workers = [Worker(None, _failed, partial, _row, do) for _ in range(min(jobs, len(left)))]
     with path.open("a", encoding="utf-8") as file:
@@ -264,7 +266,7 @@ def work_through(
             rows[row["case"]] = row
             file.write(json.dumps(row) + "\n")
             file.flush()
-            tell(len(rows), len(tasks))
+            tell(doing, len(rows), len(tasks))
     for case, why in failed.items():
         raise UserError(
             f"{len(failed)} of {len(tasks)} cases failed, case '{case}': {why}; the others are in"

@@ -77,7 +77,7 @@ def study(folder: Path, rigs: list[Rig], jobs: int, resume: bool) -> Cases:
     """
     with progress("generating") as tell:
         if not folder.exists():
-            write(folder, rigs, lambda done, every: tell(done, every, "generating"))
+            write(folder, rigs, tell)
             write_whole(folder / "code.txt", own_code().encode())
         elif not resume:
             raise UserError(f"'{folder}' is there: name a new folder, or go on with '--resume'")
@@ -87,7 +87,8 @@ def study(folder: Path, rigs: list[Rig], jobs: int, resume: bool) -> Cases:
             {case: (folder, answer) for case, answer in answers.items()},
             judged,
             jobs,
-            lambda done, every: tell(done, every, "diagnosing"),
+            tell,
+            "diagnosing",
         )
     return [
         Case(answer, Diagnosed(**rows[name]["said"]), Observed(**rows[name]["observed"]))

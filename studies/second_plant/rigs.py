@@ -43,6 +43,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from servo_models.core.stop import Tell, silent
 from servo_models.files import being_written
 from servo_models.withheld.rig.laws import CODE, Array, chirp_turns, triangle
 from servo_models.withheld.rig.recording import TIME, column, csv, description
@@ -480,7 +481,7 @@ def goals(step: float, rng: np.random.Generator) -> tuple[Array, ...]:
     return tuple(np.radians(np.round(np.degrees(it), 3)) for it in whole)
 
 
-def write(folder: Path, rigs: Sequence[Rig], tell: Callable[[int, int], None]) -> None:
+def write(folder: Path, rigs: Sequence[Rig], tell: Tell = silent) -> None:
     """Write rigs and their answers into a new folder, whole or not at all.
 
     ::
@@ -494,7 +495,7 @@ def write(folder: Path, rigs: Sequence[Rig], tell: Callable[[int, int], None]) -
             own.mkdir(parents=True)
             for name, text in recording(rig).items():
                 (own / name).write_text(text, encoding="utf-8")
-            tell(done + 1, len(rigs))
+            tell("generating", done + 1, len(rigs))
         answers = json.dumps([rig.answer() for rig in rigs], indent=1)
         (part / "answers.json").write_text(answers, encoding="utf-8")
         part.rename(folder)

@@ -24,7 +24,7 @@ from servo_models.actuators.torque_motor.variants import TABLE_1
 from servo_models.build import kinds_for
 from servo_models.catalogue import actuator, actuators
 from servo_models.cli import app
-from servo_models.cli.options import assignments
+from servo_models.cli.options import WORDS, assignments
 from servo_models.data.tables import read_signals
 from servo_models.effects import effects
 from servo_models.errors import UserError
@@ -50,6 +50,11 @@ def test_help_shows_every_command_and_each_takes_the_words_of_its_examples() -> 
         assert examples or name == "list"
         for of, words in examples:
             commands[of].make_context(of, shlex.split(words))
+
+
+def test_every_row_of_the_table_of_options_is_one_of_a_command() -> None:
+    commands = vars(typer.main.get_command(app))["commands"].values()
+    assert {it.help for it in WORDS.values()} == {it.help for one in commands for it in one.params}
 
 
 def test_help_shows_the_brackets_of_units() -> None:

@@ -160,7 +160,7 @@ def test_parameters_that_units_have_in_common_are_a_file_for_the_other_commands(
 def test_where_results_go_and_what_is_guessed_is_told_before_work(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("time [s],voltage [V],angle [deg]\n0,0,0\n0.1,1,0\n0.2,1,1\n")
     out, said = tmp_path / "out", list[str]()
-    survey(tmp_path / "a.csv", out, "dc_motor", tell=lambda done, every, text: said.append(text))
+    survey(tmp_path / "a.csv", out, "dc_motor", tell=lambda text, *_: said.append(text))
     assert said[0].endswith(f"what is found goes to '{out}'")
     assert (
         said[1] == f"1 description of ours in '{out}/descriptions': look at what is guessed there"
@@ -173,7 +173,7 @@ def test_what_is_done_is_not_done_again(tmp_path: Path) -> None:
     stamps = {file: file.stat().st_mtime_ns for file in (out / "jobs").iterdir()}
     (fleet / "unit_1" / "joint.toml").write_text(f"{BROKEN}\n# corrected")
     said: list[str] = []
-    survey(fleet, out, jobs=1, tell=lambda done, every, text: said.append(text))
+    survey(fleet, out, jobs=1, tell=lambda text, *_: said.append(text))
     assert "2 done (2 failed), 1 to do on 1 processor, seconds to tens of minutes each" in said[1]
     assert len(kept(out)) == 4
     assert all(file.stat().st_mtime_ns == stamp for file, stamp in stamps.items())
@@ -197,7 +197,7 @@ def test_how_long_it_takes_at_most_is_told_before_work(
 ) -> None:
     said: list[str] = []
     fleet, out = broken(tmp_path / "fleet", 5), tmp_path / "out"
-    survey(fleet, out, jobs=2, time_limit=limit, tell=lambda done, every, text: said.append(text))
+    survey(fleet, out, jobs=2, time_limit=limit, tell=lambda text, *_: said.append(text))
     most = "at most about 9 min" if limit is None else ", at most about 4.5 min"
     assert said[1].endswith(f"{words} {most}".strip())  # three in turn, each three times the limit
 
@@ -212,7 +212,7 @@ def test_how_long_it_takes_is_told_by_what_was_done(tmp_path: Path) -> None:
     done = msgspec.structs.replace(done, failure="", seconds=120.0)
     whole.write_bytes(msgspec.json.encode(done))
     said: list[str] = []
-    survey(fleet, out, jobs=1, tell=lambda done, every, text: said.append(text))
+    survey(fleet, out, jobs=1, tell=lambda text, *_: said.append(text))
     assert said[1].endswith("2 done (1 failed), 1 to do, about 2 min on 1 processor")
 
 
@@ -357,7 +357,7 @@ def test_a_worker_killed_in_mid_run_costs_nothing(tmp_path: Path, cluster: objec
     pids = [worker.pid for worker in local.workers.values()]  # type: ignore[attr-defined]
     killed: list[int] = []
 
-    def tell(done: int, every: int, text: str) -> None:
+    def tell(text: str, done: int = 0, every: int | None = None) -> None:
         if done == 5 and not killed:
             killed.append(pids[0])
             os.kill(pids[0], signal.SIGKILL)
@@ -376,7 +376,7 @@ def test_a_scheduler_that_is_gone_is_told_and_what_was_done_stays(tmp_path: Path
         n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None
     )
 
-    def tell(done: int, every: int, text: str) -> None:
+    def tell(text: str, done: int = 0, every: int | None = None) -> None:
         if done == 5:
             local.close()
 

@@ -15,6 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import servo_models.validation.runner  # noqa: F401  (its function is replaced below)
+from servo_models.core.stop import Tell
 from servo_models.report.interchange import command, finite_json
 from servo_models.validation.rows import IMPLEMENTATION, MODEL, PAPER, Row, Validation
 from tests.conftest import Run
@@ -31,12 +32,12 @@ def verdict(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
     def give(*rows: Row) -> None:
         def stand_in(
             fmus: object,
-            on_progress: Callable[[int, int, str], None],
+            on_progress: Tell,
             own: object,
             limits: object,
             against: object,
         ) -> Validation:
-            on_progress(1, 2, "half way")
+            on_progress("half way", 1, 2)
             return Validation(rows)
 
         module = sys.modules["servo_models.validation.runner"]

@@ -141,7 +141,7 @@ def test_the_seal_is_announced_before_anything_is_diagnosed(tmp_path: Path) -> N
     def announce(seal: str) -> None:
         told.append((seal, results.exists()))
 
-    def tell(done: int, every: int, doing: str) -> None:
+    def tell(doing: str, done: int = 0, every: int | None = None) -> None:
         told.append((f"{doing} {done}", results.exists()))
 
     with pytest.raises(UserError, match="not what was sealed"):

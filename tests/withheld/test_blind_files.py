@@ -18,6 +18,7 @@ import pytest
 
 from servo_models.analysis.simulate import simulate
 from servo_models.catalogue import model
+from servo_models.core.stop import silent
 from servo_models.core.types import Array
 from servo_models.data.description import Description, read_description
 from servo_models.errors import UserError
@@ -194,8 +195,8 @@ def test_cases_are_generated_anew_beside_folders_of_any_name(tmp_path: Path) -> 
         path.parent.mkdir()
         path.write_bytes(b"kept")
     asked = Asked(cases=1, seed=5, tiers=("easy",))
-    seal = sealed_cases(tmp_path / "runs", asked, lambda done, every, what: None)
-    assert sealed_cases(tmp_path / "runs", asked, lambda done, every, what: None) == seal
+    seal = sealed_cases(tmp_path / "runs", asked, silent)
+    assert sealed_cases(tmp_path / "runs", asked, silent) == seal
     generate(tmp_path / "cases", 1, 5)
     assert {path.parent.name for path in kept} | {"runs", "cases"} == set(os.listdir(tmp_path))
     assert all(path.read_bytes() == b"kept" for path in kept)

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from servo_models.core.stop import silent
 from servo_models.errors import UserError
 from servo_models.withheld.run import work_through
 
@@ -20,11 +21,11 @@ def test_a_case_that_fails_stops_no_other_and_is_tried_again(tmp_path: Path) -> 
     path = tmp_path / "rows.jsonl"
     tasks = {name: json.dumps({"case": name, "found": 1}) for name in "abcd"}
     with pytest.raises(UserError, match=r"1 of 4 cases failed, case 'b': .* JSONDecodeError") as it:
-        work_through(path, {**tasks, "b": "no row"}, json.loads, 2, lambda *_: None)
+        work_through(path, {**tasks, "b": "no row"}, json.loads, 2, silent, "")
     assert str(path) in str(it.value)
     assert {json.loads(line)["case"] for line in path.read_text().splitlines()} == set("acd")
     again = {name: "done already" for name in "acd"}
-    rows = work_through(path, {**again, "b": tasks["b"]}, json.loads, 2, lambda *_: None)
+    rows = work_through(path, {**again, "b": tasks["b"]}, json.loads, 2, silent, "")
     assert rows == {name: {"case": name, "found": 1} for name in "abcd"}
 
 
@@ -32,7 +33,7 @@ def test_a_line_that_was_being_written_is_done_again(tmp_path: Path) -> None:
     path = tmp_path / "rows.jsonl"
     path.write_text('{"case": "a", "found": 1}\n{"case": "b", "fou')
     tasks = {"a": "done already", "b": '{"case": "b", "found": 2}'}
-    rows = work_through(path, tasks, json.loads, 1, lambda *_: None)
+    rows = work_through(path, tasks, json.loads, 1, silent, "")
     assert [rows[name]["found"] for name in "ab"] == [1, 2]
 
 
@@ -43,7 +44,7 @@ def test_the_workers_of_a_killed_run_end_with_it(tmp_path: Path) -> None:
     text = (
         "import time; from pathlib import Path\n"
         "from servo_models.withheld.run import work_through\n"
-        "work_through(Path('rows'), {'a': 60.0, 'b': 60.0}, time.sleep, 2, lambda *_: None)"
+        "work_through(Path('rows'), {'a': 60.0, 'b': 60.0}, time.sleep, 2, print, 'doing')"
     )
     with subprocess.Popen([sys.executable, "-c", text], cwd=tmp_path) as run:
         assert _comes_true(lambda: len(_children(run.pid)) == 2)

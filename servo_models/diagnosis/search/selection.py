@@ -18,7 +18,7 @@ from math import inf, log
 
 import numpy as np
 
-from servo_models.core.stop import AT_FIRST_ANSWER, Stop
+from servo_models.core.stop import AT_FIRST_ANSWER, Stop, Tell, silent
 from servo_models.data.audit import LEAST_GAP
 from servo_models.diagnosis.search.candidates import Candidate, candidates
 from servo_models.diagnosis.search.crossval import CrossValidation, advantage, consistency
@@ -58,8 +58,6 @@ CONDITIONS = "conditions that are left out"
 STAGES = (RETUNING, SINGLY, PAIRS, DISCONTINUOUS, FURTHER, RIVALS, SINES, MASKED)
 """Stages of a search, in this order."""
 FIRST_ANSWER = "first answer"  # head of what is told once every promising effect was fitted alone
-
-Tell = Callable[[str], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +115,7 @@ def select_effects(
         tell: is told what goes on, and the first answer, see ``FIRST_ANSWER``.
         tolerance: gap [noise floors] up to which there is nothing to explain.
     """
-    say = tell or (lambda _: None)
+    say = tell or silent
     as_it_is = replace(fitter, steps=None).unfitted()
     before = as_it_is.evidence
     if before.rms <= tolerance:

@@ -10,7 +10,7 @@ pole-zero cancellation, Automatica 11 (1975).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +18,7 @@ import numpy as np
 from servo_models.analysis.statistics import dependence, inflation, rms, whiteness
 from servo_models.core.plant import GreyBox, Wire, check_known
 from servo_models.core.simulate import Model
+from servo_models.core.stop import Tell, silent
 from servo_models.core.types import Array, Complex
 from servo_models.data.log import Log
 from servo_models.errors import UserError
@@ -142,7 +143,7 @@ def identify_transfer(
     structures: Iterable[Structure] = STRUCTURES,
     given: Mapping[str, TransferFunction] | None = None,
     known_errors: Mapping[str, float] | None = None,
-    progress: Callable[[str], None] = lambda _: None,
+    progress: Tell = silent,
 ) -> TransferResult:
     """Identify the transfer function between two signals of an actuator.
 
@@ -211,7 +212,7 @@ def identify_transfer(
 def _fits(
     structures: Iterable[Structure],
     measurements: Measurements,
-    progress: Callable[[str], None],
+    progress: Tell,
 ) -> tuple[dict[Structure, Fit], bool]:
     """Fit every structure, the small ones first; whoever interrupts gets those that are done, and
     True."""

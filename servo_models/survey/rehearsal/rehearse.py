@@ -22,6 +22,7 @@ from msgspec import field
 from servo_models.analysis.explain import shown_value
 from servo_models.analysis.statistics import rms
 from servo_models.core.plant import check_known
+from servo_models.core.stop import Tell, silent
 from servo_models.core.types import Array
 from servo_models.data.audit import audits, noise_floors
 from servo_models.data.description import read_description
@@ -38,7 +39,6 @@ from servo_models.report.document import Document, Figure, Magnitude, Share, abo
 from servo_models.report.numbers import listed, plural
 from servo_models.report.result import Result
 from servo_models.survey.engine import Worker, here, processes
-from servo_models.survey.plan import Tell
 from servo_models.survey.survey import duration
 from servo_models.units import parse
 
@@ -135,7 +135,7 @@ def rehearse(
     seed: int = 0,
     time_limit: float | None = None,
     trust: bool = False,
-    tell: Tell | None = None,
+    tell: Tell = silent,
 ) -> Rehearsal:
     """Ask the diagnosis what it would tell of each effect, from these commands.
 
@@ -167,14 +167,13 @@ def rehearse(
     count = processes(jobs)
     if not all(0.0 < gap < np.inf for gap in gaps):
         raise UserError(f"gaps {[*gaps]}: give numbers of noise floors, such as 3 and 10")
-    told = tell or (lambda *_: None)
     arguments = (Path(description), trust, noise or {}, seed, time_limit)
     rig = Rig(*arguments)
     chosen = [*effects] or [*rig.candidates]
     rig.check_tried(chosen)
     cases = [Case("", 0.0), *(Case(it, gap) for gap in sorted(gaps)[::-1] for it in chosen)]
     lasts = f"about {duration(len(cases) * rig.seconds / count)} on"
-    told(0, None, f"{len(cases)} diagnoses to do, {lasts} {plural(count, 'processor')}")
+    tell(f"{len(cases)} diagnoses to do, {lasts} {plural(count, 'processor')}")
     answers: dict[Case, Answer] = {}
     begin = time.monotonic()
     workers = [Worker(time_limit, _failed, Rig, *arguments) for _ in range(count)]
@@ -183,7 +182,7 @@ def rehearse(
             answers[Case(one.effect, one.wanted)] = one
             left = (time.monotonic() - begin) / len(answers) * (len(cases) - len(answers))
             said = f"{duration(left)} left; {one.effect or 'no effect'}: {one.told}"
-            told(len(answers) - 1, len(cases), said)
+            tell(said, len(answers) - 1, len(cases))
     return Rehearsal(
         rig.description.path.stem,
         tuple(answers[it] for it in cases if it in answers),
