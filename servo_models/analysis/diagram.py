@@ -17,7 +17,7 @@ import numpy as np
 from servo_models.core.block import RESERVED, START
 from servo_models.core.flatten import Link
 from servo_models.core.plant import Actuator, Plant
-from servo_models.report.lanes import Net, Point, Route, arrange
+from servo_models.report.layers import Net, Point, Route, arrange
 from servo_models.report.sections import Picture
 from servo_models.report.style import colour
 
@@ -100,10 +100,8 @@ def boxes(plant: Plant) -> list[Box]:
         reads = [wire for wire in dict.fromkeys(every) if wire in at]
         for wires in [link.writes] if reads else [(wire,) for wire in link.writes]:
             add(Box(link.block.name, wires), reads)
-    for state, box in states.items():  # a state stands below its rate
+    for state, box in states.items():
         at[state.rate].sinks.setdefault(state.rate, []).append(box)
-        all_boxes.remove(box)
-        all_boxes.insert(all_boxes.index(at[state.rate]) + 1, box)
     for wire in plant.outputs:
         at[wire].outputs.append(wire)
     return all_boxes
@@ -258,9 +256,8 @@ def _draw(axes: Axes, route: Route) -> None:
     pieces = [(*one, *other, math.nan, math.nan) for one, other in route.lines]
     places = np.array(pieces).reshape(-1, 2)
     axes.plot(*places.T, color=ink, lw=0.9, solid_capstyle="projecting")
-    for (x, y), (dx, dy) in route.heads:
-        ends = [(x - 6.0 * dx + side * dy, y - 6.0 * dy + side * dx) for side in (-2.6, 2.6)]
-        axes.fill(*zip((x, y), *ends), color=ink, lw=0.0)
+    for x, y in route.heads:
+        axes.fill([x - 2.6, x + 2.6, x], [y - 6.0, y - 6.0, y], color=ink, lw=0.0)
     axes.plot(*np.reshape(route.dots, (-1, 2)).T, "o", color=ink, ms=2.8)
 
 

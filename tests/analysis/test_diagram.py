@@ -17,7 +17,7 @@ from servo_models.analysis.pictures import save
 from servo_models.catalogue import actuator, actuators
 from servo_models.core.block import Block
 from servo_models.core.plant import Placement, Plant
-from servo_models.report.lanes import Net, arrange
+from servo_models.report.layers import Net, arrange
 from servo_models.report.style import figure
 from tests.conftest import Run
 from tests.support.own_actuators import WITH_EFFECTS, write
@@ -93,25 +93,19 @@ def test_no_text_lies_on_another(name: str) -> None:
 
 
 def tangle(seed: int) -> tuple[list[tuple[float, float]], list[Net]]:
-    """Boxes with wires between any of them, also to themselves; every other one has columns."""
+    """Boxes with wires between any of them, also to themselves."""
     draw = random.Random(seed)
     sizes = [(draw.uniform(40.0, 160.0), draw.uniform(20.0, 80.0)) for _ in range(15)]
-    ends = {box: draw.sample(range(len(sizes)), draw.randint(0, 3)) for box in range(len(sizes))}
-    columns: dict[tuple[int, int], float] = {}
-    for sink, (width, _) in list(enumerate(sizes))[::2]:
-        sources = [box for box, sinks in ends.items() if sink in sinks]
-        for k, box in enumerate(sources, 1):
-            columns[box, sink] = width * (k / (len(sources) + 1) - 0.5)
     nets = []
-    for box, sinks in ends.items():
-        width, height = sizes[box]
+    for box, (width, height) in enumerate(sizes):
+        sinks = draw.sample(range(len(sizes)), draw.randint(0, 3))
         if sinks:
             at = draw.uniform(-width / 2, width / 2), height
-            nets.append(Net(box, at, tuple((sink, columns.get((box, sink))) for sink in sinks)))
+            nets.append(Net(box, at, tuple((sink, None) for sink in sinks)))
     return sizes, nets
 
 
-@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.parametrize("seed", range(20))
 def test_wires_cross_no_box_and_lie_on_no_other(seed: int) -> None:
     sizes, nets = tangle(seed)
     places, routes, (width, height) = arrange(sizes, nets)
