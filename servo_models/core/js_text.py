@@ -47,7 +47,7 @@ def js_model(flat: Flat) -> str:
         ValueError: see ``js_run_text``.
 
     Example:
-        >>> from servo_models.core.simulate import model
+        >>> from servo_models.catalogue import model
         >>> js_model(model("dc_motor").flat).splitlines()[0]
         '(() => {'
     """
@@ -89,7 +89,7 @@ def js_run_text(text: str) -> str:
         ValueError: a block uses a function of ``math`` that has no form here.
 
     Example:
-        >>> from servo_models.core.simulate import model
+        >>> from servo_models.catalogue import model
         >>> from servo_models.core.stepper import run_text
         >>> text = js_run_text(run_text(model("dc_motor").flat))
         >>> "function run(v__p, v__x, v__rows," in text

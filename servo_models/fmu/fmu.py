@@ -241,13 +241,14 @@ class Fmu:
         outputs: Sequence[str],
         tolerance: float = 0.0,
     ) -> tuple[Any, ...]:
-        """Arguments of ``host.Instance.begin``."""
+        """Arguments of ``host.Instance.begin``, plain: its process has no NumPy."""
         self._check()
         known = {name: (it.reference, it.kind) for name, it in self.variables.items()}
-        given = [(*known[name], value) for name, value in values.items()]
+        plain = (it.item() if isinstance(it, np.generic) else it for it in values.values())
+        given = [(*known[name], value) for name, value in zip(values, plain)]
         row = [float(value) for value in inputs.values()]
         ins, outs = ([known[name] for name in side] for side in (inputs, outputs))
-        return given, float(start), ins, row, outs, tolerance
+        return given, float(start), ins, row, outs, float(tolerance)
 
     def close(self) -> None:
         """End the process and remove the unpacked files."""
@@ -321,7 +322,8 @@ class Instance:
 
     def step(self, time: float, size: float, inputs: Array) -> None:
         """Hold the inputs and advance by ``size`` [s]."""
-        self._call("step", time, size, np.asarray(inputs, dtype=float).tolist())
+        row = np.asarray(inputs, dtype=float).tolist()
+        self._call("step", float(time), float(size), row)
 
     def outputs(self) -> list[float]:
         """Return the outputs."""

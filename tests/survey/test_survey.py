@@ -66,7 +66,7 @@ def test_broken_logs_are_rows_and_the_rest_finishes(tmp_path: Path, run: Run) ->
     ("what", "says"),
     [
         ("os._exit(3)", "exit code 3"),
-        ("os.kill(os.getpid(), 11)", "exit code -11"),
+        ("os.kill(os.getpid(), 11)", "by signal 11"),
         pytest.param("time.sleep(600)", "does not answer within", marks=pytest.mark.long),
     ],
 )
