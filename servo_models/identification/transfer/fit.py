@@ -61,9 +61,8 @@ class _Problem:
         if self._last[0] != x.tobytes():
             with np.errstate(all="ignore"):
                 function = self.structure.function(x)
-                both = [data.errors(function, self.structure.delay) for data in self.measurements]
-            rows = [data.fitted for data in self.measurements]
-            self._last = x.tobytes(), [(e[used], j[used]) for (e, j), used in zip(both, rows)]
+                both = [(data.errors(function), data.fitted) for data in self.measurements]
+            self._last = x.tobytes(), [(e[used], j[used, : len(x)]) for (e, j), used in both]
         return self._last[1]
 
     def levels(self, x: Array) -> Array:
@@ -143,5 +142,5 @@ def _starts(
 def _is_finite(function: TransferFunction, measurements: Measurements) -> bool:
     """Whether it can be evaluated: superfluous poles may run away to any speed."""
     with np.errstate(all="ignore"):
-        errors = [data.errors(function, False)[0] for data in measurements]
+        errors = [data.errors(function)[0] for data in measurements]
     return all(np.all(np.isfinite(each)) for each in errors)

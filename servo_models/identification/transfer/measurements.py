@@ -15,6 +15,7 @@ import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,10 +99,10 @@ class Record:
         noise = float(np.median(np.abs(bends))) / (0.6745 * np.sqrt(6.0))
         return float(max(noise, 1e-4 * np.std(self.measured), 1e-300))
 
-    def errors(self, function: TransferFunction, delay: bool) -> tuple[Array, Array]:
-        """Measured minus modelled, shape (n,), and its derivatives, shape (n, size).
+    def errors(self, function: TransferFunction) -> tuple[Array, Array]:
+        """Measured minus modelled, shape (n,), and its derivatives, shape (n, coefficients).
 
-        Columns: numerator, denominator without its leading 1, and the delay if ``delay``.
+        Columns: numerator, denominator without its leading 1, and the delay, also where it is 0.
         """
         chain, scale, units = _chain(function)
         n, first = len(chain), len(chain) - len(function.numerator)
@@ -109,46 +110,36 @@ class Record:
         joint = np.zeros((2 * n, 2 * n))  # p^i / A u, then p^i B / A^2 u
         joint[:n, :n] = joint[n:, n:] = chain
         joint[n, :n] = b
-        states, u = self._driven(self.given, scale * joint, scale, function.delay)
+        states, u = self._driven(scale * joint, scale, function.delay)
         z, v = states[:, :n], states[:, n:]
-        columns = [z[:, first:] / units[first:], -v / units]
-        if delay:
-            rates = np.column_stack([u + z @ chain[0], z[:, :-1]]) @ b
-            columns.append((-scale * rates)[:, None])
-        return self._level(self.measured - z @ b), -self._level(np.column_stack(columns))
+        rates = scale * np.column_stack([u + z @ chain[0], z[:, :-1]]) @ b
+        columns = np.column_stack([z[:, first:] / units[first:], -v / units, -rates])
+        return self._level(self.measured - z @ b), -self._level(columns)
 
     def response(self, function: TransferFunction) -> Array:
         """Return the modelled output, at the measured mean offset, shape (n,)."""
-        error, _ = self.errors(function, False)
-        return np.asarray(self.measured - error)
+        return np.asarray(self.measured - self.errors(function)[0])
 
     def gain(self, function: TransferFunction) -> float:
         """Return the factor on a function that brings it nearest to what may be fitted."""
-        measured = self._level(self.measured)
-        model = (measured - self.errors(function, False)[0])[self.fitted]
-        return float(np.divide(model @ measured[self.fitted], model @ model))
+        measured = self._level(self.measured)[self.fitted]
+        model = self._level(self.response(function))[self.fitted]
+        return float(np.divide(model @ measured, model @ model))
 
-    @cached_property
-    def _ticks(self) -> tuple[NDArray[np.int64], float]:
-        """Sampling instants in ticks, and a tick [s]; instants within one tick are one instant."""
-        tick = 1e-9 * self.step
-        return np.rint((self.times - self.times[0]) / tick).astype(np.int64), tick
-
-    def _driven(
-        self, held: Array, matrix: Array, drive: float, delay: float = 0.0
-    ) -> tuple[Array, Array]:
+    def _driven(self, matrix: Array, drive: float, delay: float) -> tuple[Array, Array]:
         """Return states of x' = matrix x + (drive u, 0, ...) from x = 0, shape (samples, n), and u
-        as it acts from each sample on: ``held`` between samples, and ``delay`` [s] later.
+        as it acts from each sample on: held between samples, and ``delay`` [s] later.
 
         Not finite where an unstable system leaves the floats.
         """
         from scipy.linalg import expm
 
-        samples, tick = self._ticks
-        changes = np.flatnonzero(np.diff(held, prepend=0.0))
+        tick = 1e-9 * self.step  # instants within one tick are one instant
+        samples = np.rint((self.times - self.times[0]) / tick).astype(np.int64)
+        changes = np.flatnonzero(np.diff(self.given, prepend=0.0))
         edges = samples[changes] + int(np.rint(delay / tick))
         instants = np.union1d(samples, edges[(edges > 0) & (edges < samples[-1])])
-        levels = np.append(0.0, held[changes])
+        levels = np.append(0.0, self.given[changes])
         acting = levels[np.searchsorted(edges, instants, "right")]
         spans, which = np.unique(np.diff(instants), return_inverse=True)
         n = len(matrix)
@@ -202,19 +193,16 @@ def _compiled() -> Callable[..., Array]:
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """A frequency response in points, shape (n,).
-
-    Frequencies in rad/s; complex gain in SI, lag is negative phase; ``spread`` is the relative
-    standard error of each point, up to a common factor.  No fit may see what is held out.
-    """
+    """A frequency response in points, shape (n,): frequencies [rad/s], and complex gain in SI with
+    lags as negative phase.  No fit may see what is held out."""
 
     name: str
     source: str
     output: str
     frequencies: Array
-    response: Complex
-    spread: Array
+    measured: Complex
     held_out: Mask
+    noise_guess: ClassVar[float] = 0.02
 
     @property
     def band(self) -> tuple[float, float]:
@@ -224,38 +212,27 @@ class Sweep:
     def fitted(self) -> Mask:
         return np.tile(~self.held_out, 2)
 
-    @cached_property
-    def noise_guess(self) -> float:
-        return 0.02 / float(np.median(self.spread))
+    def response(self, function: TransferFunction) -> Complex:
+        return function.response(self.frequencies)
 
-    def errors(self, function: TransferFunction, delay: bool) -> tuple[Array, Array]:
-        """Logarithm of gain [1] first, then phase [rad], each over the point's spread.
+    def errors(self, function: TransferFunction) -> tuple[Array, Array]:
+        """Logarithm of gain [1] first, then phase [rad], measured over modelled.
 
-        Shapes (2 n,) and (2 n, size), see ``Record.errors``.  Phases are continuous over the
-        points, so that a delay that is far off still has a slope.
+        Shapes (2 n,) and (2 n, coefficients), see ``Record.errors``.  Phases of the derivatives
+        are continuous over the points, so that a delay that is far off still has a slope.
         """
-        s, lower, powers = self._powers(function)
-        upper = np.polyval(function.numerator, s)
-        model = upper / lower * np.exp(-s * function.delay)
-        columns = [powers[:, -len(function.numerator) :] / upper[:, None], -powers / lower[:, None]]
-        slopes = np.column_stack([*columns, *[-s] * delay])
-        return self._rows(np.log(self.response / model)), -self._rows(slopes)
+        s = 1j * self.frequencies[:, None]
+        powers = s ** np.arange(len(function.denominator) - 1)[::-1]
+        upper, lower = (np.polyval(c, s) for c in (function.numerator, function.denominator))
+        slopes = np.hstack([powers[:, -len(function.numerator) :] / upper, -powers / lower, -s])
+        errors = np.log(self.measured / self.response(function))
+        return np.concatenate([errors.real, errors.imag]), -np.vstack([slopes.real, slopes.imag])
 
     def gain(self, function: TransferFunction) -> float:
         """See ``Record.gain``."""
-        ratio = (self.response / function.response(self.frequencies))[~self.held_out]
+        ratio = (self.measured / self.response(function))[~self.held_out]
         size = float(np.exp(np.mean(np.log(np.abs(ratio)))))
         return float(np.copysign(size, np.sum(np.cos(np.angle(ratio)))))
-
-    def _powers(self, function: TransferFunction) -> tuple[Complex, Complex, Complex]:
-        """s, the denominator there, and the powers of s below its highest, that one first."""
-        s = np.asarray(1j * self.frequencies, dtype=complex)
-        powers = s[:, None] ** np.arange(len(function.denominator) - 1)[::-1]
-        return s, np.polyval(function.denominator, s), np.asarray(powers, dtype=complex)
-
-    def _rows(self, values: Complex) -> Array:
-        weighted = (values.T / self.spread).T
-        return np.concatenate([weighted.real, weighted.imag])
 
 
 Measurement = Record | Sweep  # one record or one frequency response
