@@ -37,6 +37,18 @@ class Estimate:
         half = float(stdtrit(min(freedom, 1e9), 0.975)) * error
         return cls(value, error, value - half, value + half)
 
+    @classmethod
+    def between(cls, low: float, high: float) -> Estimate:
+        """Of what lies anywhere between two rows, with equal chance."""
+        middle, half = 0.5 * (low + high), 0.5 * abs(high - low)
+        return cls(middle, half / math.sqrt(3.0), middle - 0.95 * half, middle + 0.95 * half)
+
+    @classmethod
+    def sum(cls, *parts: tuple[float, Estimate]) -> Estimate:
+        """Of the weighted sum of independent estimates, given as (weight, estimate)."""
+        value = math.fsum(weight * part.value for weight, part in parts)
+        return cls.of(value, math.hypot(*(w * part.standard_error for w, part in parts)))
+
     def scaled(self, by: float) -> Estimate:
         """Return the estimate of ``by`` times this quantity."""
         low, high = sorted((by * self.low, by * self.high))
@@ -44,21 +56,9 @@ class Estimate:
 
     def contradicts(self, other: Estimate) -> bool:
         """Whether both are further apart than three standard errors, and than rounding."""
-        gap = combined((1.0, self), (-1.0, other))
+        gap = Estimate.sum((1.0, self), (-1.0, other))
         differ = not math.isclose(self.value, other.value, rel_tol=1e-9)
         return differ and abs(gap.value) > 3.0 * gap.standard_error
-
-
-def between(low: float, high: float) -> Estimate:
-    """Return an estimate of what lies anywhere between two rows, with equal chance."""
-    middle, half = 0.5 * (low + high), 0.5 * abs(high - low)
-    return Estimate(middle, half / math.sqrt(3.0), middle - 0.95 * half, middle + 0.95 * half)
-
-
-def combined(*parts: tuple[float, Estimate]) -> Estimate:
-    """Return the weighted sum of independent estimates, given as (weight, estimate)."""
-    value = sum(weight * part.value for weight, part in parts)
-    return Estimate.of(value, math.hypot(*(w * part.standard_error for w, part in parts)))
 
 
 @dataclass(frozen=True)
@@ -79,25 +79,36 @@ class Figure:
 @dataclass(frozen=True, eq=False)
 class Fit:
     """A fit by least squares with equal, independent errors of all rows: the unknowns, shape (p,),
-    slopes of the rows by them, shape (n, p), and measured minus fitted, shape (n,)."""
+    slopes of the rows by them, shape (n, p), and measured minus fitted, shape (n,), 0 where that is
+    nothing but rounding."""
 
     values: Array
     slopes: Array
     residuals: Array
+
+    @classmethod
+    def of(cls, values: Array, slopes: Array, residuals: Array, measured: Array) -> Fit:
+        rounded = residuals @ residuals <= 1e-24 * float(measured @ measured)
+        return cls(values, slopes, 0.0 * residuals if rounded else residuals)
 
     @property
     def squares(self) -> float:
         return float(self.residuals @ self.residuals)
 
     @property
+    def scatter(self) -> float:
+        """Standard deviation of the residuals."""
+        return math.sqrt(self.squares / self.freedom) if self.freedom > 0 else math.inf
+
+    @property
     def freedom(self) -> int:
         """Rows less unknowns of which they tell."""
         return len(self.residuals) - int(np.sum(np.any(self.slopes, axis=0)))
 
-    @property
-    def scatter(self) -> float:
-        """Standard deviation of the residuals."""
-        return math.sqrt(self.squares / self.freedom) if self.freedom > 0 else math.inf
+    def criterion(self, unknowns: float) -> float:
+        """The information criterion of Bayes; an exact fit is the likeliest, however small."""
+        n = len(self.residuals)
+        return n * math.log(max(self.squares, np.finfo(float).tiny) / n) + unknowns * math.log(n)
 
     def estimate(self, function: Callable[[Array], float]) -> Estimate:
         """Return a smooth function of the unknowns."""
@@ -115,35 +126,21 @@ def fit(model: Callable[[Array], Array], y: Array, start: Sequence[float] | Arra
     from scipy.optimize import least_squares
 
     best = least_squares(lambda v: y - model(v), start, method="lm", x_scale="jac", xtol=1e-12)
-    return Fit(best.x, best.jac, _beyond_rounding(best.fun, y))
+    return Fit.of(best.x, best.jac, best.fun, y)
 
 
 def linear(columns: Array, y: Array) -> Fit:
     """Fit ``columns``, shape (n, p), times the unknowns to ``y``, shape (n,)."""
     values = np.asarray(np.linalg.lstsq(columns, y, rcond=None)[0], dtype=float)
-    return Fit(values, columns, _beyond_rounding(y - columns @ values, y))
+    return Fit.of(values, columns, y - columns @ values, y)
 
 
-def _beyond_rounding(residuals: Array, measured: Array) -> Array:
-    return residuals if residuals @ residuals > rounding(measured) else np.zeros(len(measured))
-
-
-def rounding(measured: Array) -> float:
-    """Sum of squares of residuals that are nothing but rounding."""
-    return 1e-24 * float(measured @ measured)
-
-
-def is_bent(x: Array, residuals: Array) -> bool:
-    """Whether the residuals of a straight line in ``x``, both of shape (n,), show a bow."""
+def is_curved(x: Array, residuals: Array) -> bool:
+    """Whether the residuals of a line over ``x``, both of shape (n,), show a bow or follow their
+    neighbours."""
     if len(x) < FEWEST or not np.any(residuals):
         return False
     bow, covariance = np.polyfit(x - x.mean(), residuals, 2, cov=True)
-    return bool(abs(bow[0]) > 4.0 * math.sqrt(covariance[0, 0]))
-
-
-def is_correlated(residuals: Array) -> bool:
-    """Whether residuals in the order of the rows, shape (n,), follow their neighbours."""
-    power = float(residuals @ residuals)
-    if len(residuals) < FEWEST or power == 0.0:
-        return False
-    return float(residuals[1:] @ residuals[:-1]) > 3.0 / math.sqrt(len(residuals)) * power
+    ordered = residuals[np.argsort(x, kind="stable")]
+    follow = float(ordered[1:] @ ordered[:-1]) / float(ordered @ ordered)
+    return bool(abs(bow[0]) > 4.0 * math.sqrt(covariance[0, 0]) or follow > 3.0 / math.sqrt(len(x)))
