@@ -175,7 +175,7 @@ def _by_transfer_function(told: Description, progress: Progress | None) -> Outco
     method = f"transfer function, {transfer.chosen.name}; grey box"
     constants = transfer.constants.estimates if transfer.constants else None
     parameters = constants and _of_tables(told, constants, method, files, transfer.warnings)
-    return Outcome(transfer, parameters or None, not transfer.interrupted)
+    return Outcome(transfer, parameters or None)
 
 
 def _by_elements(told: Description) -> Outcome:

@@ -16,7 +16,7 @@ from servo_models.analysis.statistics import derivatives
 from servo_models.core.types import Array
 
 FEWEST = 8  # residuals that show a bow or a correlation
-BENT = "straight pieces say too little, what they leave over is no chance"
+BENT = "the rows bend away from a straight line by more than chance"
 
 
 @dataclass(frozen=True)
@@ -136,11 +136,12 @@ def linear(columns: Array, y: Array) -> Fit:
 
 
 def is_curved(x: Array, residuals: Array) -> bool:
-    """Whether the residuals of a line over ``x``, both of shape (n,), show a bow or follow their
-    neighbours."""
+    """Whether the residuals of a line over ``x``, both of shape (n,), show a bow, bend to both
+    sides or follow their neighbours."""
     if len(x) < FEWEST or not np.any(residuals):
         return False
-    bow, covariance = np.polyfit(x - x.mean(), residuals, 2, cov=True)
+    shape, covariance = np.polyfit((x - x.mean()) / np.std(x), residuals, 3, cov=True)
     ordered = residuals[np.argsort(x, kind="stable")]
     follow = float(ordered[1:] @ ordered[:-1]) / float(ordered @ ordered)
-    return bool(abs(bow[0]) > 4.0 * math.sqrt(covariance[0, 0]) or follow > 3.0 / math.sqrt(len(x)))
+    bent = np.abs(shape[:2]) > 4.0 * np.sqrt(np.diag(covariance)[:2])
+    return bool(np.any(bent) or follow > 3.0 / math.sqrt(len(x)))

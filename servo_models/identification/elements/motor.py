@@ -61,11 +61,12 @@ def motor(
     """
     curve = _fitted(voltage, speed, _rising(voltage) if branch is None else branch > 0.0)
     gain, shift, doubts = curve.fit.estimate(itemgetter(0)), curve.shift, list[str]()
-    figures, gains, widths = [Figure("gain K_EN", gain, GAIN, parameter="motor_gain")], [], []
+    figures = [Figure("gain K_EN", gain, GAIN, parameter="motor_gain")]
+    gains, widths = list[Estimate](), list[Estimate]()
     off = (curve.y - curve.line) * (curve.fit.squares > 0.0)
     for k, name in enumerate(NAMES):
-        found, width = _side(curve, k)
-        figures, gains, widths = figures + found, [*gains, found[0].estimate], [*widths, *width]
+        found, moved = _side(curve, k)
+        figures, gains, widths = figures + found, [*gains, found[0].estimate], widths + moved
         if not np.any(curve.at(k, TOP)):
             doubts.append(
                 f"no {name} voltage reaches a top speed; 'top_{name}' is not identified, add rows"

@@ -43,8 +43,8 @@ class Candidate:
     """A transfer function in the comparison.
 
     Attributes:
-        name: its structure, or the name under which it was given.
-        covariance: of its coefficients, SI; None for a given one.
+        name: its structure.
+        covariance: of its coefficients, SI.
         errors, held_out_errors: by name of the measurements; SI for records; for frequency
             responses logarithm of gain, then phase [rad].
         fit, held_out: share of the records' movement that is described, 1 for all of it,
@@ -58,7 +58,7 @@ class Candidate:
 
     name: str
     function: TransferFunction
-    covariance: Array | None
+    covariance: Array
     errors: Mapping[str, Array]
     held_out_errors: Mapping[str, Array]
     fit: float | None
@@ -73,7 +73,7 @@ class Candidate:
         cls,
         name: str,
         function: TransferFunction,
-        covariance: Array | None,
+        covariance: Array,
         measurements: Measurements,
     ) -> Candidate:
         """Compare a function with all measurements."""
@@ -92,9 +92,9 @@ class Candidate:
         )
 
     @property
-    def standard_errors(self) -> Array | None:
+    def standard_errors(self) -> Array:
         """Of ``function.coefficients``."""
-        return None if self.covariance is None else np.sqrt(np.diag(self.covariance))
+        return np.sqrt(np.diag(self.covariance))
 
     @property
     def size(self) -> int:
@@ -115,8 +115,8 @@ def _described(pairs: Sequence[tuple[Array, Array]]) -> float | None:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TransferResult(Result):
-    """All candidates in order of size, given ones first, and the one chosen, from ``source`` to
-    ``output``; physical constants where the actuator has a grey box; warnings as sentences."""
+    """All candidates in order of size, and the one chosen, from ``source`` to ``output``; physical
+    constants where the actuator has a grey box; warnings as sentences."""
 
     source: Wire
     output: Wire
@@ -125,7 +125,6 @@ class TransferResult(Result):
     chosen: Candidate
     constants: PhysicalConstants | None = None
     warnings: tuple[str, ...] = ()
-    interrupted: bool = False
 
 
 def identify_transfer(
@@ -136,7 +135,6 @@ def identify_transfer(
     source: str | None = None,
     output: str | None = None,
     structures: Iterable[Structure] = STRUCTURES,
-    given: Mapping[str, TransferFunction] | None = None,
     known_errors: Mapping[str, float] | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> TransferResult:
@@ -147,7 +145,6 @@ def identify_transfer(
     Args:
         model: says what the signals are, and the known constants of a grey box.
         source, output: default the variant's command and first output.
-        given: transfer functions to be judged beside the fitted ones, SI.
         known_errors: standard errors of the grey box's known constants, SI by parameter.
         progress: is told the name of each structure before its fit.
 
@@ -173,15 +170,12 @@ def identify_transfer(
             f"nothing to fit from '{source}' to '{output}': give a log or a sweep of them that is"
             " not held out"
         )
-    fits, interrupted = _fits(structures, used, progress)
-    tried = [Candidate.of(n, f, None, measurements) for n, f in (given or {}).items()]
-    tried += [Candidate.of(str(s), *fitted, measurements) for s, fitted in fits.items()]
+    fits = _fits(structures, used, progress)
+    tried = [Candidate.of(str(s), *fitted, measurements) for s, fitted in fits.items()]
     longest = max((float(record.times[-1]) for record in records), default=None)
     candidates = choose(tried, measurements, longest)
     chosen = next(c for c in candidates if not c.reason)
-    text = "interrupted: larger structures were not tried; the best of the others is chosen"
     told = [
-        *[Doubt(text)] * interrupted,
         *(
             f"'{sweep.name}' is from '{sweep.source}' to '{sweep.output}', and is left out of what"
             f" is fitted from '{source}' to '{output}'"
@@ -201,7 +195,6 @@ def identify_transfer(
         chosen,
         constants,
         tuple(told),
-        interrupted,
     )
 
 
@@ -209,25 +202,17 @@ def _fits(
     structures: Iterable[Structure],
     measurements: Measurements,
     progress: Callable[[str], None],
-) -> tuple[dict[Structure, Fit], bool]:
-    """Fit every structure, the small ones first; whoever interrupts gets those that are done, and
-    True."""
+) -> dict[Structure, Fit]:
+    """Fit every structure, the small ones first."""
     rows = min(int(np.sum(data.fitted)) for data in measurements)
     done: dict[Structure, Fit] = {}
     for structure in sorted(structures, key=lambda s: (s.poles, s.delay, s.zeros)):
-        if structure.size >= rows:
-            continue
-        try:
+        if structure.size < rows:
             progress(str(structure))
             undelayed, _ = done.get(replace(structure, delay=False), (None, None))
-            fitted = fit(structure, measurements, undelayed)
-        except KeyboardInterrupt:
-            if not done:
-                raise
-            return done, True
-        if fitted:
-            done[structure] = fitted
-    return done, False
+            if fitted := fit(structure, measurements, undelayed):
+                done[structure] = fitted
+    return done
 
 
 def _constants(
@@ -240,10 +225,7 @@ def _constants(
     """Constants from the candidate that the grey box solves, chosen or not, within the bounds of
     the actuator; and what to say of them."""
     shaped = [
-        c
-        for c in candidates
-        if c.covariance is not None
-        and replace(c.function.structure, delay=False) == Structure(box.poles)
+        c for c in candidates if replace(c.function.structure, delay=False) == Structure(box.poles)
     ]
     sound = [c for c in shaped if not c.fault]
     if not sound:
@@ -384,13 +366,11 @@ def pole_trouble(function: TransferFunction, longest: float | None) -> str:
     return ""
 
 
-def surplus_zero(function: TransferFunction, covariance: Array | None) -> str:
-    """Return which zero is not determined, or cancels a pole, or "", also without a covariance.
+def surplus_zero(function: TransferFunction, covariance: Array) -> str:
+    """Return which zero is not determined, or cancels a pole, or "".
 
     The distance of a pole and a zero is held against its standard error (Soederstroem).
     """
-    if covariance is None:
-        return ""
     m, poles = len(function.numerator), function.poles
     for zero in function.zeros:
         slope = np.zeros(len(covariance), dtype=complex)

@@ -41,7 +41,7 @@ def _document(result: TransferResult) -> dict[str, Any]:
             "numerator": list(c.function.numerator),
             "denominator": list(c.function.denominator),
             "delay": c.function.delay,
-            "standard_errors": None if c.standard_errors is None else c.standard_errors.tolist(),
+            "standard_errors": c.standard_errors.tolist(),
             **{key: getattr(c, key) for key in ("fit", "held_out", "bic", "reason")},
         }
         for c in result.candidates
@@ -54,7 +54,6 @@ def _document(result: TransferResult) -> dict[str, Any]:
         "candidates": candidates,
         "constants": {name: list(pair) for name, pair in constants.items()},
         "warnings": list(result.warnings),
-        "interrupted": result.interrupted,
     }
 
 
@@ -102,12 +101,11 @@ def _report(result: TransferResult, date: str = "") -> Report:
 
 
 def _coefficients(chosen: Candidate) -> Table:
-    """Nothing for a function that was given."""
-    structure, errors = chosen.function.structure, chosen.standard_errors
+    structure = chosen.function.structure
     powers = ["1", "s", *(f"s^{k}" for k in range(2, structure.poles))]
     names = [f"numerator, {power}" for power in powers[structure.zeros :: -1]]
     names += [f"denominator, {power}" for power in powers[structure.poles - 1 :: -1]]
-    pairs = zip(chosen.function.coefficients.tolist(), [] if errors is None else errors.tolist())
+    pairs = zip(chosen.function.coefficients.tolist(), chosen.standard_errors.tolist())
     rows = tuple(
         (name, Quantity(value, error=error), f"{100.0 * error / abs(value):.2g} %")
         for name, (value, error) in zip([*names, "delay [s]"], pairs)
