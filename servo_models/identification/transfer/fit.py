@@ -9,8 +9,8 @@ Sources: Ljung, System Identification, 2nd ed., secs. 7.4, 9.4 and 9.5.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -81,8 +81,9 @@ class _Problem:
         """Least squares from ``x``, whose response is finite."""
         from scipy.optimize import least_squares
 
-        def weighted(x: Array, which: int) -> Array:
-            return np.concatenate([p[which] / s for p, s in zip(self.parts(x), self.noise)])
+        def weighted(k: int) -> Callable[[Array], Array]:
+            """Errors, or slopes, over the noise."""
+            return lambda x: np.concatenate([p[k] / s for p, s in zip(self.parts(x), self.noise)])
 
         low, high = np.full((2, len(x)), [[-np.inf], [np.inf]])
         if self.structure.delay:
@@ -90,16 +91,9 @@ class _Problem:
             x = np.append(x[:-1], np.clip(x[-1], 1e-9 * high[-1], 0.999 * high[-1]))
         # Sizes of coefficients differ by powers of ten, so the squares alone say when to end.
         options = {"x_scale": "jac", "ftol": 1e-8, "xtol": None, "gtol": None}
+        options |= {"bounds": (low, high), "max_nfev": evaluations}
         with np.errstate(all="ignore"):  # a step too far may be unstable, and is taken back
-            descent = least_squares(
-                partial(weighted, which=0),
-                x,
-                partial(weighted, which=1),
-                bounds=(low, high),
-                max_nfev=evaluations,
-                **options,
-            )
-        return np.asarray(descent.x)
+            return np.asarray(least_squares(weighted(0), x, weighted(1), **options).x)
 
     def covariance(self, x: Array) -> Array:
         """Residuals that are not white count with their covariance."""
@@ -121,14 +115,14 @@ def _starts(
 ) -> list[TransferFunction]:
     """Return functions to start from: equal poles anywhere in the band, and the best function
     without a delay, with any delay."""
-    low, high = band(measurements)
-    starts = list[TransferFunction]()
+    (low, high), starts = band(measurements), list[TransferFunction]()
     for rate in np.geomspace(low, high, 6):
         bottom, top = np.poly([-rate] * structure.poles), np.zeros(structure.zeros + 1)
         delay = 0.5 / rate if structure.delay else 0.0
         with np.errstate(all="ignore"):
-            gain = measurements[0].gain(TransferFunction.of(bottom[-1:], bottom, delay))
-        top[-1] = gain * bottom[-1]
+            lag = TransferFunction.of(bottom[-1:], bottom, delay)
+            model, measured = measurements[0].moved(lag)
+            top[-1] = bottom[-1] * np.vdot(model, measured).real / np.vdot(model, model).real
         starts.append(TransferFunction.of(top, bottom, delay))
     if structure.delay and not undelayed:
         fitted = fit(replace(structure, delay=False), measurements)

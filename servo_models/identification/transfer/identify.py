@@ -292,8 +292,8 @@ def choose(
             ending = f"with {plural(more, 'coefficient')} more" if more else "of equal size"
             return f"no better than '{chosen.name}', {ending}"
         if hidden:
-            missed, least = _missed(c), _missed(chosen)
-            return f"misses {missed} of the held-out samples, '{chosen.name}' {least}"
+            ratio = np.sqrt(np.mean(losses[c.name]) / np.mean(losses[chosen.name]))
+            return f"its held-out error is {ratio:.3g} times that of '{chosen.name}'"
         return f"worse than '{chosen.name}': BIC higher by {c.bic - chosen.bic:.4g}"
 
     return [replace(c, reason=reason(c)) for c in checked]
@@ -320,11 +320,6 @@ def _rated(candidates: Sequence[Candidate], measurements: Measurements) -> list[
     counts = lengths / np.array([inflation(least.errors[name]) for name in names])
     price = float(np.log(np.sum(counts)))
     return [replace(c, bic=b + price * c.size) for c, b in zip(candidates, logarithms @ counts)]
-
-
-def _missed(c: Candidate) -> str:
-    every = np.concatenate(list(c.held_out_errors.values()))
-    return f"{100.0 * (rms(every) if c.held_out is None else 1.0 - c.held_out):.3g} %"
 
 
 def warnings(

@@ -120,11 +120,10 @@ class Record:
         """Return the modelled output, at the measured mean offset, shape (n,)."""
         return np.asarray(self.measured - self.errors(function)[0])
 
-    def gain(self, function: TransferFunction) -> float:
-        """Return the factor on a function that brings it nearest to what may be fitted."""
-        measured = self._level(self.measured)[self.fitted]
-        model = self._level(self.response(function))[self.fitted]
-        return float(np.divide(model @ measured, model @ model))
+    def moved(self, function: TransferFunction) -> tuple[Array, Array]:
+        """Modelled and measured movement in the rows that a fit may see."""
+        model, measured = self._level(self.response(function)), self._level(self.measured)
+        return model[self.fitted], measured[self.fitted]
 
     def _driven(self, matrix: Array, drive: float, delay: float) -> tuple[Array, Array]:
         """Return states of x' = matrix x + (drive u, 0, ...) from x = 0, shape (samples, n), and u
@@ -175,10 +174,9 @@ def _recursion(maps: Array, which: NDArray[np.int64], acting: Array) -> Array:
     states = np.zeros((len(which) + 1, n))
     for k in range(len(which)):
         for i in range(n):
-            total = maps[which[k], i, n] * acting[k]
+            states[k + 1, i] = maps[which[k], i, n] * acting[k]
             for j in range(n):
-                total += maps[which[k], i, j] * states[k, j]
-            states[k + 1, i] = total
+                states[k + 1, i] += maps[which[k], i, j] * states[k, j]
     return states
 
 
@@ -228,11 +226,9 @@ class Sweep:
         errors = np.log(self.measured / self.response(function))
         return np.concatenate([errors.real, errors.imag]), -np.vstack([slopes.real, slopes.imag])
 
-    def gain(self, function: TransferFunction) -> float:
-        """See ``Record.gain``."""
-        ratio = (self.measured / self.response(function))[~self.held_out]
-        size = float(np.exp(np.mean(np.log(np.abs(ratio)))))
-        return float(np.copysign(size, np.sum(np.cos(np.angle(ratio)))))
+    def moved(self, function: TransferFunction) -> tuple[Complex, Complex]:
+        """See ``Record.moved``."""
+        return self.response(function)[~self.held_out], self.measured[~self.held_out]
 
 
 Measurement = Record | Sweep  # one record or one frequency response
