@@ -82,8 +82,8 @@ def motor(
     if not widths:
         doubts.append("one branch only; hysteresis shows with rising and falling voltage")
         return figures, doubts
-    distinct = list(dict.fromkeys(widths))
-    width = Estimate.sum(*((0.5, one) for one in distinct)) if distinct[1:] else distinct[0]
+    distinct = dict.fromkeys(widths)  # without jumps both sides have that of the lines
+    width = Estimate.sum(*((1.0 / len(distinct), one) for one in distinct))
     text = "hysteresis width at the edges"
     figures.append(Figure(text, width, "V", "", "hysteresis.half_width", 0.5))
     if shift:
@@ -269,7 +269,7 @@ def motor_step(
     """Return time constant and, with the voltage, gain of a step up or down; and doubts.
 
     Args:
-        time, speed: rows [s], [rad/s], shape (n,).
+        time, speed: rows [s], [rad/s], shape (n,), from the step on if there is no voltage.
         voltage: [V], shape (n,), constant but for one step; without a step in it the motor stood
             still without voltage before the record.
 
@@ -277,16 +277,18 @@ def motor_step(
         UserError: fewer than 6 rows after the step, a second step, or a record that ends
             before the time constant shows.
     """
-    first = _begun(speed, voltage)
+    first = 0
+    if voltage is not None:
+        above = voltage > 0.5 * (np.min(voltage) + np.max(voltage))
+        first, *others = *(np.flatnonzero(np.diff(above)) + 1).tolist(), 0
+        if others[1:]:
+            raise UserError("the voltage changes more than once; cut the record to one step")
     since, after = time[first:] - time[first], speed[first:]
     if len(since) < 6:
         raise UserError(
             f"{len(since)} rows after the step: give at least 6, until the speed settles"
         )
-    final = float(np.mean(after[-max(len(after) // 10, 1) :]))
-    covered = np.abs(after - after[0]) >= (1.0 - math.exp(-1.0)) * abs(final - after[0])
-    slow = math.log(max(since[np.argmax(covered)], since[1]))
-    start = [final, after[0] - final, slow]
+    start = [after[-1], after[0] - after[-1], math.log(0.1 * since[-1])]
     best = fit(lambda v: v[0] + v[1] * np.exp(-since * np.exp(-v[2])), after, start)
     constant = best.estimate(lambda v: math.exp(v[2]))
     if constant.low <= 0.0 or constant.value > since[-1]:
@@ -295,30 +297,17 @@ def motor_step(
         )
     figures = [Figure("time constant T", constant, "s", parameter="motor_time_constant")]
     if voltage is not None:
-        before, size = speed[:first], float(np.mean(voltage[first:]))
-        initial = Estimate.of(0.0)  # if no row shows it
+        size, initial = float(np.mean(voltage[first:])), Estimate.of(0.0)  # if no row shows it
         if first:
             size -= voltage[0]
-            initial = Estimate.of(float(np.mean(before)), best.scatter / math.sqrt(first))
+            error = best.scatter / math.sqrt(first)
+            initial = Estimate.of(float(np.mean(speed[:first])), error)
         if size == 0.0:
             raise UserError("the voltage is 0 throughout; leave its column out, or correct it")
         gain = Estimate.sum((1.0 / size, best.estimate(itemgetter(0))), (-1.0 / size, initial))
         figures.append(Figure(STEP_GAIN, gain, GAIN))
     doubt = (
-        "the speed is not quite that of a first order, so that the standard errors are too small"
+        "the speed is not quite that of a first order, so that the standard errors are too small;"
+        " without a voltage the table begins at the step"
     )
     return figures, [doubt] * is_curved(since, best.residuals)
-
-
-def _begun(speeds: Array, voltages: Array | None) -> int:
-    """First row after the step of the voltage, 0 if there is none; without a voltage that from
-    which the speed has covered a tenth of its change for good."""
-    if voltages is not None:
-        above = voltages > 0.5 * (np.min(voltages) + np.max(voltages))
-        changes = np.flatnonzero(np.diff(above)) + 1
-        if len(changes) > 1:
-            raise UserError("the voltage changes more than once; cut the record to one step")
-        return int(changes[0]) if len(changes) else 0
-    covered = (speeds - speeds[0]) * np.sign(speeds[-1] - speeds[0])
-    before = np.flatnonzero(covered < 0.1 * abs(speeds[-1] - speeds[0]))
-    return int(before[-1]) + 1 if len(before) > 1 else 0

@@ -81,7 +81,7 @@ def _report(result: TransferResult, date: str = "") -> Report:
     tables = {
         "Coefficients": _coefficients(chosen),
         "Poles and zeros": _roots(chosen.function),
-        CONSTANTS: _constants(constants),
+        CONSTANTS: _estimates("constant, SI", constants),
         CANDIDATES: _candidates(result, [record.name for record in records]),
     }
     report = Report(
@@ -105,12 +105,18 @@ def _coefficients(chosen: Candidate) -> Table:
     powers = ["1", "s", *(f"s^{k}" for k in range(2, structure.poles))]
     names = [f"numerator, {power}" for power in powers[structure.zeros :: -1]]
     names += [f"denominator, {power}" for power in powers[structure.poles - 1 :: -1]]
-    pairs = zip(chosen.function.coefficients.tolist(), chosen.standard_errors.tolist())
-    rows = tuple(
-        (name, Quantity(value, error=error), f"{100.0 * error / abs(value):.2g} %")
-        for name, (value, error) in zip([*names, "delay [s]"], pairs)
-    )
-    return Table("", ("coefficient", f"value {ERROR} error", "error"), rows)
+    columns = [*names, "delay [s]"], chosen.function.coefficients, chosen.standard_errors
+    return _estimates("coefficient", [Constant(n, float(v), float(e)) for n, v, e in zip(*columns)])
+
+
+def _estimates(of: str, constants: Sequence[Constant]) -> Table:
+    rows = []
+    for c in constants:
+        half = 1.96 * (c.standard_error or 0.0)
+        limits = (c.value - half, c.value + half) if half else None
+        shown = Quantity(c.value, error=c.standard_error, interval=limits, digits=5)
+        rows.append((c.name, shown, "" if c.determined else Mark("not determined", False)))
+    return Table("", (of, f"value {ERROR} error (95 % interval)", ""), tuple(rows))
 
 
 def _roots(function: TransferFunction) -> Table:
@@ -122,16 +128,6 @@ def _roots(function: TransferFunction) -> Table:
             damping = Quantity(-root.real / size, digits=3) if root.imag else None
             rows.append((kind, shown, Quantity(size / (2.0 * np.pi), "Hz"), damping))
     return Table("", ("", "[rad/s]", "frequency", "damping ratio"), tuple(rows))
-
-
-def _constants(constants: Sequence[Constant]) -> Table:
-    rows = []
-    for c in constants:
-        half = 1.96 * (c.standard_error or 0.0)
-        limits = (c.value - half, c.value + half) if half else None
-        shown = Quantity(c.value, error=c.standard_error, interval=limits, digits=5)
-        rows.append((c.name, shown, "" if c.determined else Mark("not determined", False)))
-    return Table("", ("constant, SI", f"value {ERROR} error (95 % interval)", ""), tuple(rows))
 
 
 def _candidates(result: TransferResult, records: Sequence[str]) -> Table:
