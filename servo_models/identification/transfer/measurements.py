@@ -107,10 +107,10 @@ class Record:
         chain, scale, units = _chain(function)
         n, first = len(chain), len(chain) - len(function.numerator)
         b = np.append(np.zeros(first), np.array(function.numerator) / units[first:])
-        joint = np.zeros((2 * n, 2 * n))  # p^i / A u, then p^i B / A^2 u
-        joint[:n, :n] = joint[n:, n:] = chain
-        joint[n, :n] = b
-        states, u = self._driven(scale * joint, scale, function.delay)
+        joint = np.zeros((2 * n + 1, 2 * n + 1))  # p^i / A u, then p^i B / A^2 u, then u
+        joint[:n, :n] = joint[n:-1, n:-1] = chain
+        joint[n, :n], joint[0, -1] = b, 1.0
+        states, u = self._driven(scale * joint, function.delay)
         z, v = states[:, :n], states[:, n:]
         rates = scale * np.column_stack([u + z @ chain[0], z[:, :-1]]) @ b
         columns = np.column_stack([z[:, first:] / units[first:], -v / units, -rates])
@@ -125,9 +125,9 @@ class Record:
         model, measured = self._level(self.response(function)), self._level(self.measured)
         return model[self.fitted], measured[self.fitted]
 
-    def _driven(self, matrix: Array, drive: float, delay: float) -> tuple[Array, Array]:
-        """Return states of x' = matrix x + (drive u, 0, ...) from x = 0, shape (samples, n), and u
-        as it acts from each sample on: held between samples, and ``delay`` [s] later.
+    def _driven(self, matrix: Array, delay: float) -> tuple[Array, Array]:
+        """Return states of x' = matrix (x, u) from x = 0, shape (samples, n), and u as it acts from
+        each sample on: held between samples, and ``delay`` [s] later.
 
         Not finite where an unstable system leaves the floats.
         """
@@ -141,12 +141,9 @@ class Record:
         levels = np.append(0.0, self.given[changes])
         acting = levels[np.searchsorted(edges, instants, "right")]
         spans, which = np.unique(np.diff(instants), return_inverse=True)
-        n = len(matrix)
-        joint = np.zeros((n + 1, n + 1))
-        joint[:n, :n], joint[0, n] = matrix, drive
         with np.errstate(all="ignore"):
-            maps = expm(joint * (tick * spans)[:, None, None])
-        states = _compiled()(np.ascontiguousarray(maps[:, :n]), which, acting)
+            maps = expm(matrix * (tick * spans)[:, None, None])
+        states = _compiled()(np.ascontiguousarray(maps[:, :-1]), which, acting)
         rows = np.searchsorted(instants, samples)
         return states[rows], acting[rows]
 
