@@ -18,7 +18,7 @@ from servo_models.analysis.compare import overshoot, settling_time, time_to
 from servo_models.core.simulate import model
 from servo_models.core.types import Array
 from servo_models.errors import UserError
-from servo_models.identification.elements.estimate import BENT, Estimate, Figure
+from servo_models.identification.elements.estimate import BENT, Figure, Interval
 from servo_models.identification.elements.identify import identify_elements
 from servo_models.identification.elements.lines import amplifier, potentiometer
 from servo_models.identification.elements.loop import REACHED, Loop
@@ -34,16 +34,16 @@ LOW, HIGH = 0.885, 0.995
 """Coverage of 95 % intervals in 200 tables: binomial, each end missed once in 10 000 times."""
 
 
-def inside(estimate: Estimate | None, truth: float) -> bool:
+def inside(estimate: Interval | None, truth: float) -> bool:
     return estimate is not None and estimate.low <= truth <= estimate.high
 
 
-def told(measured: tuple[list[Figure], list[str]]) -> dict[str, Estimate]:
+def told(measured: tuple[list[Figure], list[str]]) -> dict[str, Interval]:
     """Figures of an element by name."""
     return {figure.name: figure.estimate for figure in measured[0]}
 
 
-def near(estimate: Estimate | None, truth: float, within: float) -> bool:
+def near(estimate: Interval | None, truth: float, within: float) -> bool:
     return estimate is not None and abs(estimate.value - truth) <= within
 
 

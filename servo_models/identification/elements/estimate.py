@@ -20,7 +20,7 @@ BENT = "the rows bend away from a straight line by more than chance"
 
 
 @dataclass(frozen=True)
-class Estimate:
+class Interval:
     """A number that was estimated, in one unit, with its 95 % interval ``low`` to ``high``; the
     standard error is infinite where there are as many unknowns as rows."""
 
@@ -30,7 +30,7 @@ class Estimate:
     high: float
 
     @classmethod
-    def of(cls, value: float, error: float = 0.0, freedom: float = math.inf) -> Estimate:
+    def of(cls, value: float, error: float = 0.0, freedom: float = math.inf) -> Interval:
         """The interval is that of Student's t."""
         from scipy.special import stdtrit
 
@@ -38,25 +38,25 @@ class Estimate:
         return cls(value, error, value - half, value + half)
 
     @classmethod
-    def between(cls, low: float, high: float) -> Estimate:
+    def between(cls, low: float, high: float) -> Interval:
         """Of what lies anywhere between two rows, with equal chance."""
         middle, half = 0.5 * (low + high), 0.5 * abs(high - low)
         return cls(middle, half / math.sqrt(3.0), middle - 0.95 * half, middle + 0.95 * half)
 
     @classmethod
-    def sum(cls, *parts: tuple[float, Estimate]) -> Estimate:
+    def sum(cls, *parts: tuple[float, Interval]) -> Interval:
         """Of the weighted sum of independent estimates, given as (weight, estimate)."""
         value = math.fsum(weight * part.value for weight, part in parts)
         return cls.of(value, math.hypot(*(w * part.standard_error for w, part in parts)))
 
-    def scaled(self, by: float) -> Estimate:
+    def scaled(self, by: float) -> Interval:
         """Return the estimate of ``by`` times this quantity."""
         low, high = sorted((by * self.low, by * self.high))
-        return Estimate(by * self.value, abs(by) * self.standard_error, low, high)
+        return Interval(by * self.value, abs(by) * self.standard_error, low, high)
 
-    def contradicts(self, other: Estimate) -> bool:
+    def contradicts(self, other: Interval) -> bool:
         """Whether both are further apart than three standard errors, and than rounding."""
-        gap = Estimate.sum((1.0, self), (-1.0, other))
+        gap = Interval.sum((1.0, self), (-1.0, other))
         differ = not math.isclose(self.value, other.value, rel_tol=1e-9)
         return differ and abs(gap.value) > 3.0 * gap.standard_error
 
@@ -67,7 +67,7 @@ class Figure:
     times it is ``parameter`` of the actuator, if it tells one."""
 
     name: str
-    estimate: Estimate
+    estimate: Interval
     unit: str
     display: str = ""
     parameter: str = ""
@@ -110,15 +110,15 @@ class Fit:
         n = len(self.residuals)
         return n * math.log(max(self.squares, np.finfo(float).tiny) / n) + unknowns * math.log(n)
 
-    def estimate(self, function: Callable[[Array], float]) -> Estimate:
+    def estimate(self, function: Callable[[Array], float]) -> Interval:
         """Return a smooth function of the unknowns."""
         value = float(function(self.values))
         if self.freedom <= 0:
-            return Estimate(value, math.inf, -math.inf, math.inf)
+            return Interval(value, math.inf, -math.inf, math.inf)
         [slope] = derivatives(lambda values: np.array([function(values)]), self.values)
         inverse = np.linalg.pinv(self.slopes.T @ self.slopes, hermitian=True)
         error = self.scatter * math.sqrt(max(float(slope @ inverse @ slope), 0.0))
-        return Estimate.of(value, error, self.freedom)
+        return Interval.of(value, error, self.freedom)
 
 
 def fit(model: Callable[[Array], Array], y: Array, start: Sequence[float] | Array) -> Fit:

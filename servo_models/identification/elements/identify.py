@@ -27,7 +27,7 @@ from servo_models.data.readers import read_columns
 from servo_models.data.schema import Section, Table
 from servo_models.data.signals import check_size, in_si, map_signal
 from servo_models.errors import UserError, told_at
-from servo_models.identification.elements.estimate import Estimate, Figure
+from servo_models.identification.elements.estimate import Figure, Interval
 from servo_models.identification.elements.lines import amplifier, potentiometer
 from servo_models.identification.elements.loop import Synthesis, read_wish, synthesise
 from servo_models.identification.elements.motor import GAIN, STEP_GAIN, motor, motor_step
@@ -88,7 +88,7 @@ class ElementsResult(Result):
     model: Model
     synthesis: Synthesis = field(init=False)
     figures: list[Figure] = field(default_factory=list)
-    estimates: dict[str, Estimate] = field(default_factory=dict)
+    estimates: dict[str, Interval] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     files: dict[str, str] = field(default_factory=dict)
@@ -98,7 +98,7 @@ class ElementsResult(Result):
         """Value and standard error [SI] by name of the actuator's parameter."""
         return {name: (e.value, e.standard_error) for name, e in self.estimates.items()}
 
-    def figure(self, element: str, name: str) -> Estimate:
+    def figure(self, element: str, name: str) -> Interval:
         return next(f.estimate for f in self.figures if (f.element, f.name) == (element, name))
 
 
@@ -142,13 +142,13 @@ def identify_elements(description: Description | str | Path) -> ElementsResult:
             f"A rad of the shaft counts as {unit:.4g} rad of the angle (angle_unit), as in the"
             " SG90 paper; read strictly it is 1 and K_f smaller by that factor"
         )
-    parts |= {name: Estimate.of(model.values[name]) for name in given}
+    parts |= {name: Interval.of(model.values[name]) for name in given}
     result.synthesis = synthesise(parts, unit, wish)
     chosen, name = result.synthesis.choices[0], "feedback_coefficient"
     k_f, param = chosen.setting.k_f, model.plant.parameters[name].param
     error = chosen.relative_error * k_f
     if param.low <= k_f <= param.high:
-        result.estimates[name] = Estimate(k_f, error, k_f - error, k_f + error)
+        result.estimates[name] = Interval(k_f, error, k_f - error, k_f + error)
     else:
         bounds = f"'{name}' goes from {param.low:g} to {param.high:g}"
         result.warnings.append(f"K_f = {k_f:g} is not kept: {bounds}")
@@ -160,7 +160,7 @@ def _identify(result: ElementsResult, element: str, section: Section) -> None:
     file, doubts = "", list[str]()
     if element == GEARS:
         place, teeth = f"'{section.file}', {section.name}.teeth", section.read(GearTable).teeth
-        ratio = Estimate.of(math.prod(driven / driving for driving, driven in teeth))
+        ratio = Interval.of(math.prod(driven / driving for driving, driven in teeth))
         figures = [Figure("ratio K_R", ratio, "1", parameter="gear_ratio")]
     else:
         path, digest, columns = read_table(section, TABLES[element])
@@ -181,7 +181,7 @@ def _identify(result: ElementsResult, element: str, section: Section) -> None:
             )
 
 
-def _keep(result: ElementsResult, name: str, estimate: Estimate, place: str) -> None:
+def _keep(result: ElementsResult, name: str, estimate: Interval, place: str) -> None:
     """Keep a parameter [SI]; one that cannot be below 0 is 0 then."""
     known = result.model.plant.parameters[name]
     if estimate.value < known.param.low == 0.0:

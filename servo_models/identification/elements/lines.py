@@ -12,7 +12,7 @@ import numpy as np
 
 from servo_models.core.types import Array
 from servo_models.errors import UserError
-from servo_models.identification.elements.estimate import BENT, Estimate, Figure, is_curved, linear
+from servo_models.identification.elements.estimate import BENT, Figure, Interval, is_curved, linear
 
 
 def potentiometer(angle: Array, voltage: Array) -> tuple[list[Figure], list[str]]:
@@ -44,7 +44,7 @@ def amplifier(given: Array, output: Array, loaded: bool = False) -> tuple[list[F
     return figures, [doubt] * curved
 
 
-def _line(x: Array, y: Array) -> tuple[Estimate, Estimate, bool]:
+def _line(x: Array, y: Array) -> tuple[Interval, Interval, bool]:
     """Slope, where the line meets 0, and whether the rows are curved about it."""
     line = linear(np.column_stack([x, np.ones(len(x))]), y)
     gain = line.estimate(itemgetter(0))

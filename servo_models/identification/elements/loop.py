@@ -22,7 +22,7 @@ from typing import Annotated
 from msgspec import Meta
 
 from servo_models.data.schema import Section, Share, Table
-from servo_models.identification.elements.estimate import Estimate
+from servo_models.identification.elements.estimate import Interval
 
 REACHED = 1.0 - math.exp(-2.0)  # share at the time constant: the paper's 4.6 s and 2.6 s
 GAINS = ("amplifier_gain", "motor_gain", "potentiometer_gain")
@@ -168,7 +168,7 @@ class Synthesis:
     rows: tuple[Response, ...]
 
 
-def synthesise(parts: Mapping[str, Estimate], angle_unit: float, wish: Wish) -> Synthesis:
+def synthesise(parts: Mapping[str, Interval], angle_unit: float, wish: Wish) -> Synthesis:
     """Put the loop together and choose its feedback coefficient for each band.
 
     Args:

@@ -31,9 +31,9 @@ from servo_models.core.types import Array, Mask
 from servo_models.errors import UserError
 from servo_models.identification.elements.estimate import (
     BENT,
-    Estimate,
     Figure,
     Fit,
+    Interval,
     fit,
     is_curved,
     linear,
@@ -62,7 +62,7 @@ def motor(
     curve = _fitted(voltage, speed, _rising(voltage) if branch is None else branch > 0.0)
     gain, shift, doubts = curve.fit.estimate(itemgetter(0)), curve.shift, list[str]()
     figures = [Figure("gain K_EN", gain, GAIN, parameter="motor_gain")]
-    gains, widths = list[Estimate](), list[Estimate]()
+    gains, widths = list[Interval](), list[Interval]()
     off = (curve.y - curve.line) * (curve.fit.squares > 0.0)
     for k, name in enumerate(NAMES):
         found, moved = _side(curve, k)
@@ -83,7 +83,7 @@ def motor(
         doubts.append("one branch only; hysteresis shows with rising and falling voltage")
         return figures, doubts
     distinct = dict.fromkeys(widths)  # without jumps both sides have that of the lines
-    width = Estimate.sum(*((1.0 / len(distinct), one) for one in distinct))
+    width = Interval.sum(*((1.0 / len(distinct), one) for one in distinct))
     text = "hysteresis width at the edges"
     figures.append(Figure(text, width, "V", "", "hysteresis.half_width", 0.5))
     if shift:
@@ -151,7 +151,7 @@ class _Curve:
         return 3.0 * self.fit.scatter + 1e-9 * float(np.max(self.y))
 
     @property
-    def shift(self) -> Estimate | None:
+    def shift(self) -> Interval | None:
         """Of the line, rising minus falling [V]; None without both branches."""
         told = np.any(self.fit.slopes[:, 3])
         return self.fit.estimate(lambda v: 2.0 * v[3] / v[0]) if told else None
@@ -159,7 +159,7 @@ class _Curve:
     def at(self, side: int, region: int) -> Mask:
         return np.asarray((self.side == side) & (self.regions == region))
 
-    def zero(self, side: int, branch: float = 0.0) -> Estimate:
+    def zero(self, side: int, branch: float = 0.0) -> Interval:
         """Where the line of a side meets 0 [V]; with ``branch`` 0 the mean of both branches."""
         return self.fit.estimate(lambda v: (v[1 + side] + branch * v[3]) / v[0])
 
@@ -215,25 +215,25 @@ def _regions(side: _Curve, name: str) -> NDArray[np.int64]:
     return best.regions
 
 
-def _side(curve: _Curve, k: int) -> tuple[list[Figure], list[Estimate]]:
+def _side(curve: _Curve, k: int) -> tuple[list[Figure], list[Interval]]:
     """Figures of a side that the table tells, its gain first, and the hysteresis at its edges."""
     name, sign = NAMES[k], (1.0, -1.0)[k]
     on_line, at_top, x = curve.at(k, LINE), curve.at(k, TOP), curve.effective
     alone = linear(np.column_stack([x, np.ones(len(x))])[on_line], curve.y[on_line])
     figures = [Figure(f"gain, {name}", alone.estimate(itemgetter(0)), GAIN)]
 
-    def add(what: str, estimate: Estimate, unit: str = "V", parameter: str = "") -> None:
+    def add(what: str, estimate: Interval, unit: str = "V", parameter: str = "") -> None:
         text, shown = f"{what}, {name}", estimate.scaled(sign)
         figures.append(Figure(text, shown, unit, "", parameter and f"{parameter}_{name}", sign))
 
     edges = {"rising": _edge(curve, k, 1.0), "falling": _edge(curve, k, -1.0)}
     known = {which: edge for which, edge in edges.items() if edge}
     (middle, leaps), *others = known.values()
-    widths = list[Estimate]()
+    widths = list[Interval]()
     for other, also in others:
-        widths.append(Estimate.sum((1.0, middle), (-1.0, other)))
+        widths.append(Interval.sum((1.0, middle), (-1.0, other)))
         if middle != other:  # else one edge, seen twice
-            middle = Estimate.sum((0.5, middle), (0.5, other))
+            middle = Interval.sum((0.5, middle), (0.5, other))
             if curve.shift and not (leaps or also):
                 middle, widths = curve.zero(k), [curve.shift]
     add("insensitivity edge", middle, parameter="edge")
@@ -241,7 +241,7 @@ def _side(curve: _Curve, k: int) -> tuple[list[Figure], list[Estimate]]:
         add(f"edge, {which}", place)
     add("zero of the line", curve.zero(k), parameter="zero")
     if np.any(at_top):
-        saturation = Estimate.between(float(x[on_line].max()), float(x[at_top].min()))
+        saturation = Interval.between(float(x[on_line].max()), float(x[at_top].min()))
         top = curve.fit.estimate(itemgetter(4 + k))
         if top.value - np.min(curve.line[at_top]) < curve.chance:  # no jump, but a corner
             saturation = curve.fit.estimate(lambda v: (v[1 + k] + v[4 + k]) / v[0])
@@ -250,7 +250,7 @@ def _side(curve: _Curve, k: int) -> tuple[list[Figure], list[Estimate]]:
     return figures, widths
 
 
-def _edge(curve: _Curve, k: int, branch: float) -> tuple[Estimate, bool] | None:
+def _edge(curve: _Curve, k: int, branch: float) -> tuple[Interval, bool] | None:
     """Where a branch starts or ends to turn, and whether it jumps; None if no row of it turns."""
     here = (curve.side == k) & (curve.branch == branch)
     still, turns = here & (curve.regions == STILL), here & (curve.regions != STILL)
@@ -260,7 +260,7 @@ def _edge(curve: _Curve, k: int, branch: float) -> tuple[Estimate, bool] | None:
     if still.any() and np.max((curve.line - curve.y)[still]) < curve.chance:
         return replace(zero, high=max(zero.high, first)), False
     last = max(float(np.max(curve.x[still], initial=0.0)), zero.value)
-    return Estimate.between(last, first), True
+    return Interval.between(last, first), True
 
 
 def motor_step(
@@ -297,14 +297,14 @@ def motor_step(
         )
     figures = [Figure("time constant T", constant, "s", parameter="motor_time_constant")]
     if voltage is not None:
-        size, initial = float(np.mean(voltage[first:])), Estimate.of(0.0)  # if no row shows it
+        size, initial = float(np.mean(voltage[first:])), Interval.of(0.0)  # if no row shows it
         if first:
             size -= voltage[0]
             error = best.scatter / math.sqrt(first)
-            initial = Estimate.of(float(np.mean(speed[:first])), error)
+            initial = Interval.of(float(np.mean(speed[:first])), error)
         if size == 0.0:
             raise UserError("the voltage is 0 throughout; leave its column out, or correct it")
-        gain = Estimate.sum((1.0 / size, best.estimate(itemgetter(0))), (-1.0 / size, initial))
+        gain = Interval.sum((1.0 / size, best.estimate(itemgetter(0))), (-1.0 / size, initial))
         figures.append(Figure(STEP_GAIN, gain, GAIN))
     doubt = (
         "the speed is not quite that of a first order, so that the standard errors are too small;"

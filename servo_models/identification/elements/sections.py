@@ -12,7 +12,7 @@ import numpy as np
 
 from servo_models.analysis.explain import display_unit
 from servo_models.identification.doubts import judged
-from servo_models.identification.elements.estimate import Estimate
+from servo_models.identification.elements.estimate import Interval
 from servo_models.identification.elements.identify import ElementsResult
 from servo_models.identification.elements.loop import Choice, Synthesis
 from servo_models.report.curves import DASHED
@@ -101,7 +101,7 @@ def _best(choice: Choice) -> str:
     return f"{_band(choice.band)}: {known}, set to {choice.setting.k_f:g}"
 
 
-def _quantity(estimate: Estimate, unit: str, display: str, interval: bool = False) -> Quantity:
+def _quantity(estimate: Interval, unit: str, display: str, interval: bool = False) -> Quantity:
     shown = estimate.scaled(factor(unit, display or unit))
     known = interval and 0.0 < shown.standard_error < math.inf
     limits = (shown.low, shown.high) if known else None

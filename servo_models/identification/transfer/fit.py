@@ -38,7 +38,8 @@ def fit(
     if not starts:
         return None
     scouted = [problem.descend(start.coefficients, evaluations=25) for start in starts]
-    x = min(scouted, key=problem.unlikelihood)
+    counts = np.array([np.sum(data.fitted) for data in measurements])
+    x = min(scouted, key=lambda x: float(counts @ np.log(problem.levels(x))))  # the likeliest
     for _ in range(6):  # coefficients given noise levels, then noise levels given coefficients
         x = problem.descend(x, evaluations=60)
         before, problem.noise = problem.noise, problem.levels(x)
@@ -71,11 +72,6 @@ class _Problem:
         free = 1.0 - len(x) / sum(map(len, errors))
         sizes = np.array([max(float(np.std(e)), 1e-300) for e in errors])
         return np.asarray(sizes / np.sqrt(free))
-
-    def unlikelihood(self, x: Array) -> float:
-        """Negative log-likelihood with the noise levels at their best, up to a constant."""
-        counts = np.array([len(e) for e, _ in self.parts(x)])
-        return float(counts @ np.log(self.levels(x)))
 
     def descend(self, x: Array, evaluations: int) -> Array:
         """Least squares from ``x``, whose response is finite."""
