@@ -18,9 +18,14 @@ from servo_models.analysis.compare import overshoot, settling_time, time_to
 from servo_models.core.simulate import model
 from servo_models.core.types import Array
 from servo_models.errors import UserError
-from servo_models.identification.elements.estimate import BENT, Figure, Interval
+from servo_models.identification.elements.estimate import (
+    BENT,
+    Figure,
+    Interval,
+    amplifier,
+    potentiometer,
+)
 from servo_models.identification.elements.identify import identify_elements
-from servo_models.identification.elements.lines import amplifier, potentiometer
 from servo_models.identification.elements.loop import REACHED, Loop
 from servo_models.identification.elements.motor import NAMES, motor, motor_step
 from servo_models.report.style import figure

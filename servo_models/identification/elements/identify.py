@@ -27,8 +27,12 @@ from servo_models.data.readers import read_columns
 from servo_models.data.schema import Section, Table
 from servo_models.data.signals import check_size, in_si, map_signal
 from servo_models.errors import UserError, told_at
-from servo_models.identification.elements.estimate import Figure, Interval
-from servo_models.identification.elements.lines import amplifier, potentiometer
+from servo_models.identification.elements.estimate import (
+    Figure,
+    Interval,
+    amplifier,
+    potentiometer,
+)
 from servo_models.identification.elements.loop import Synthesis, read_wish, synthesise
 from servo_models.identification.elements.motor import GAIN, STEP_GAIN, motor, motor_step
 from servo_models.identification.result import Doubt

@@ -26,25 +26,6 @@ from servo_models.errors import UserError, did_you_mean
 from servo_models.identification.transfer.functions import TransferFunction
 
 
-def check_signals(log: Log, source: str, output: str) -> None:
-    """Raise UserError unless a log has this input and this output, begins at rest or settled, and
-    every sample is judged."""
-    place = f"log '{log.name}':"
-    for kind, name, known in (("input", source, log.inputs), ("output", output, log.outputs)):
-        if name not in known:
-            raise UserError(f"{place} the log has no {kind} '{name}'; {did_you_mean(name, known)}")
-    if log.start is not None:
-        raise UserError(
-            f'{place} a transfer function knows no \'start\' but "rest" or "settled": give one of'
-            " these, or cut the log where it rests with 'window'"
-        )
-    if log.skipped is not None and np.any(log.skipped):
-        raise UserError(
-            f"{place} a transfer function is fitted to every sample, 'judged' leaves some out:"
-            " remove it, or cut the log with 'window'"
-        )
-
-
 @dataclass(frozen=True, eq=False)
 class Record:
     """A time record of one input and one output, SI, shape (n,).
@@ -65,15 +46,30 @@ class Record:
         a ``settle`` time, else in that of ``rest`` [SI].
 
         Raises:
-            UserError: see ``check_signals``; an input at rest.
+            UserError: a log without the signals, one that begins in motion, samples that are not
+                judged, or an input at rest.
         """
-        check_signals(log, source, output)
+        place = f"log '{log.name}':"
+        for kind, name, known in (("input", source, log.inputs), ("output", output, log.outputs)):
+            if name not in known:
+                cure = did_you_mean(name, known)
+                raise UserError(f"{place} the log has no {kind} '{name}'; {cure}")
+        if log.start is not None:
+            raise UserError(
+                f'{place} a transfer function knows no \'start\' but "rest" or "settled": give one'
+                " of these, or cut the log where it rests with 'window'"
+            )
+        if log.skipped is not None and np.any(log.skipped):
+            raise UserError(
+                f"{place} a transfer function is fitted to every sample, 'judged' leaves some out:"
+                " remove it, or cut the log with 'window'"
+            )
         u = log.inputs[source]
         given = u - (u[0] if log.settle > 0.0 else rest)
         if not np.any(given):
             raise UserError(
-                f"log '{log.name}': input '{source}' never leaves its rest: a transfer function"
-                " needs a record in which it moves"
+                f"{place} input '{source}' never leaves its rest: a transfer function needs a"
+                " record in which it moves"
             )
         return cls(log.name, log.times, given, log.outputs[output], log.held_out)
 
