@@ -32,15 +32,10 @@ def correlations(values: Array, other: Array, lags: int) -> Array:
     return np.array([float(values[k:] @ other[: n - k]) / n for k in range(min(lags, n - 1) + 1)])
 
 
-def _span(seen: Mask) -> slice:
-    """Slice from the first sample that is seen to the last."""
-    rows = np.flatnonzero(seen)
-    return slice(int(rows[0]), int(rows[-1]) + 1)
-
-
 def _pairs(residuals: Array, seen: Mask) -> tuple[Array, Array]:
     """Autocorrelations of seen residuals, and the number of pairs in each, by lag."""
-    span = _span(seen)
+    rows = np.flatnonzero(seen)
+    span = slice(rows[0], rows[-1] + 1)
     values = np.where(seen, residuals, 0.0)[span]
     share = np.count_nonzero(seen) / len(values)
     there = seen[span].astype(float)
@@ -63,38 +58,30 @@ def whiteness(residuals: Array, seen: Mask | None = None) -> float:
     return float(chdtrc(len(met), statistic))
 
 
-def dependence(residuals: Array, given: Array, seen: Mask | None = None) -> float:
+def dependence(residuals: Array, given: Array) -> float:
     """Return the probability of such correlations with past inputs if there is none.
 
     The largest one over lags 0 to 25 is held against its asymptotic spread (Bonferroni).
     """
-    both, deviation = cross_correlation(residuals, given, LAGS, seen)
+    both, deviation = cross_correlation(residuals, given, LAGS)
     if deviation == 0.0:
         return 1.0
     largest = float(np.max(np.abs(both))) / deviation
     return float(min(1.0, len(both) * math.erfc(largest / math.sqrt(2.0))))
 
 
-def cross_correlation(
-    residuals: Array, given: Array, lags: int, seen: Mask | None = None
-) -> tuple[Array, float]:
+def cross_correlation(residuals: Array, given: Array, lags: int) -> tuple[Array, float]:
     """Return the correlation of residuals with inputs 0 ... lags samples before, shape (lags + 1,),
-    and its standard deviation under independence, 0 where one of the two does not move.
-
-    At samples that are not ``seen``, shape (n,), the input is known and the residuals are not.
-    """
-    span = _span(np.ones(len(residuals), dtype=bool) if seen is None else seen)
-    values = (residuals if seen is None else np.where(seen, residuals, 0.0))[span]
-    u, n = given[span] - np.mean(given[span]), len(values)
-    # zeros where nothing is seen count in both: so many pairs fewer in the variance of the sum
-    covariance = autocovariance(values)
+    and its standard deviation under independence, 0 where one of the two does not move."""
+    u, n = given - np.mean(given), len(residuals)
+    covariance = autocovariance(residuals)
     drive = correlations(u, u, min(len(covariance) - 1, n // 4))
     k = len(drive)
     variance = covariance[0] * drive[0] + 2.0 * float(covariance[1:k] @ drive[1:k])
     if variance <= 0.0:
         return np.zeros(min(lags, n - 1) + 1), 0.0
     size = n * math.sqrt(covariance[0] * drive[0])
-    return _sums(values, u)[: lags + 1] / size, math.sqrt(n * variance) / size
+    return _sums(residuals, u)[: lags + 1] / size, math.sqrt(n * variance) / size
 
 
 def autocovariance(residuals: Array) -> Array:

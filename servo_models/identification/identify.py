@@ -39,7 +39,7 @@ from servo_models.identification.fit import fit, fixed_by
 from servo_models.identification.optimise import LOCAL
 from servo_models.identification.result import FIT, HELD_OUT, Identification, doubts
 from servo_models.identification.transfer.identify import identify_transfer
-from servo_models.identification.transfer.sweeps import raw_records, read_sweeps
+from servo_models.identification.transfer.sweeps import read_sweeps
 from servo_models.report.result import Result
 
 
@@ -165,11 +165,9 @@ def method_of(told: Description) -> str:
 
 
 def _by_transfer_function(told: Description, progress: Tell) -> Outcome:
-    sweeps = read_sweeps(told.document, told.path.parent, told.model.plant, told.logs)
-    of_sweeps = raw_records(told.document)
     transfer = identify_transfer(
-        [log for log in told.logs if log.name not in of_sweeps],
-        sweeps,
+        told.logs,
+        read_sweeps(told.document, told.path.parent, told.model.plant),
         model=told.model,
         known_errors=told.uncertainty,
         progress=progress,
@@ -178,7 +176,7 @@ def _by_transfer_function(told: Description, progress: Tell) -> Outcome:
     method = f"transfer function, {transfer.chosen.name}; grey box"
     constants = transfer.constants.estimates if transfer.constants else None
     parameters = constants and _of_tables(told, constants, method, files, transfer.warnings)
-    return Outcome(transfer, parameters or None, not transfer.interrupted)
+    return Outcome(transfer, parameters or None)
 
 
 def _by_elements(told: Description) -> Outcome:
@@ -234,7 +232,7 @@ def _of_tables(
 def _sweep_hashes(told: Description) -> dict[str, str]:
     """SHA-256 of the tables of sweeps, by name of the file."""
     entries = told.document.content.get("sweeps", [])
-    paths = [told.path.parent / entry["file"] for entry in entries if "file" in entry]
+    paths = [told.path.parent / entry["file"] for entry in entries]
     return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in paths}
 
 

@@ -360,7 +360,7 @@ def _provenance(fit: Identification) -> Section:
 
 
 @dataclass(frozen=True, eq=False)
-class _Pair:
+class Pair:
     """An input and an output that logs relate."""
 
     input: Wire
@@ -403,13 +403,13 @@ def _frequency_response(fit: Identification) -> Section:
         if linear and line is None:
             missing.append(f"Nothing small passes from {pair.input.name} to {pair.output.name}.")
         if measured or line:
-            pictures.append(_bode(pair, measured, line))
+            pictures.append(bode(pair, measured, line))
     return Section(
         "Frequency response", items=tuple(missing), pictures=tuple(pictures), folded=True
     )
 
 
-def _pairs(fit: Identification) -> list[_Pair]:
+def _pairs(fit: Identification) -> list[Pair]:
     wires = fit.fitted.plant.wire
     related: dict[tuple[str, str], list[Record]] = {}
     for log, after in zip(fit.logs, fit.after):
@@ -418,7 +418,7 @@ def _pairs(fit: Identification) -> list[_Pair]:
                 if np.ptp(values) > 0.0 and not wires[output].flag:
                     record = Record(log.times, values, measured, after[output])
                     related.setdefault((name, output), []).append(record)
-    return [_Pair(wires[i], wires[o], tuple(records)) for (i, o), records in related.items()]
+    return [Pair(wires[i], wires[o], tuple(records)) for (i, o), records in related.items()]
 
 
 def _small_signals(fit: Identification) -> tuple[LinearModel | None, list[str]]:
@@ -438,7 +438,7 @@ def _small_signals(fit: Identification) -> tuple[LinearModel | None, list[str]]:
 
 
 def _line(
-    pair: _Pair, measured: Empirical | None, linear: LinearModel
+    pair: Pair, measured: Empirical | None, linear: LinearModel
 ) -> tuple[Array, Complex] | None:
     """Frequencies [Hz] and response for small signals, None where they do not pass."""
     nyquist = 0.5 / pair.step
@@ -452,7 +452,7 @@ def _line(
     return hertz, response if linear.period else response * hold(2.0 * np.pi * hertz, pair.step)
 
 
-def _bode(pair: _Pair, measured: Empirical | None, line: tuple[Array, Complex] | None) -> Picture:
+def bode(pair: Pair, measured: Empirical | None, line: tuple[Array, Complex] | None) -> Picture:
     """The line of small signals, and points where the logs show a response."""
 
     def draw(panels: Sequence[Axes]) -> None:

@@ -20,13 +20,14 @@ import scipy.io
 from hypothesis import given
 from hypothesis import strategies as st
 
+from servo_models.core.simulate import model
 from servo_models.data.description import read_description
 from servo_models.data.parameters import read_parameters
 from servo_models.data.readers import read_columns
 from servo_models.data.schema import Section, read_toml
 from servo_models.errors import LONGEST, UserError, printable
 from servo_models.files import largest_input, read_regular
-from servo_models.identification.transfer.sweeps import raw_records, read_sweeps
+from servo_models.identification.transfer.sweeps import read_sweeps
 from servo_models.report.result import data_sheet
 from servo_models.report.sections import Table
 from servo_models.report.terminal import text
@@ -344,12 +345,12 @@ def test_what_toml_does_not_hold(
     assert len(str(caught.value)) < 500 + len(str(path))
 
 
-@pytest.mark.parametrize("sweeps", ["1", '"a"', "[1]", "[[1]]", '[{ logs = "a" }]', "{ a = 1 }"])
+@pytest.mark.parametrize("sweeps", ["1", '"a"', "[1]", "[[1]]", "[{ file = 1 }]", "{ a = 1 }"])
 def test_sweeps_of_a_wrong_type(tmp_path: Path, sweeps: str) -> None:
     path = tmp_path / "rig.toml"
     path.write_text(f'actuator = "sg90"\nsweeps = {sweeps}\n')
     with pytest.raises(UserError, match=r"rig.toml', sweeps.*write for example "):
-        raw_records(read_toml(path))
+        read_sweeps(read_toml(path), tmp_path, model("sg90").plant)
 
 
 def test_a_limit_that_no_flag_raises_names_none(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from servo_models.data.signals import LogTable, Signal
 from servo_models.errors import UserError
 from servo_models.identification.elements.identify import ElementTable, GearTable
 from servo_models.identification.elements.loop import Wish
-from servo_models.identification.transfer.sweeps import RawSweep, SweepTable
+from servo_models.identification.transfer.sweeps import SweepTable
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -33,7 +33,6 @@ EXAMPLES: list[type[Table]] = [
     GearTable,
     LogTable,
     ParameterFile,
-    RawSweep,
     Signal,
     SweepTable,
     Wish,

@@ -718,14 +718,13 @@ def _stop(*_: object) -> None:
 def _read(what: str, path: Path) -> None:
     from servo_models.data.description import read_description
     from servo_models.data.parameters import read_parameters
-    from servo_models.identification.transfer.sweeps import raw_records, read_sweeps
+    from servo_models.identification.transfer.sweeps import read_sweeps
 
     if what == "read parameters":
         read_parameters(path)
         return
     found = read_description(path)
-    raw_records(found.document)
-    read_sweeps(found.document, path.parent, found.actuator.plant_of(found.variant), found.logs)
+    read_sweeps(found.document, path.parent, found.actuator.plant_of(found.variant))
 
 
 class Outcome(NamedTuple):

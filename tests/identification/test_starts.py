@@ -25,7 +25,7 @@ from servo_models.identification.starts import (
     false_statements,
     with_starts,
 )
-from servo_models.identification.transfer.measurements import check_signals
+from servo_models.identification.transfer.measurements import Record
 from tests.conftest import Run
 from tests.support.exact_motor import STEP, TRUE, bench_log, nominal, prbs, rig
 from tests.support.logs import changed, log_of, measured
@@ -252,7 +252,7 @@ def test_a_transfer_function_refuses_a_start_that_it_would_ignore(
 ) -> None:
     (log,) = read_description(write_decay(tmp_path, text)).logs
     with pytest.raises(UserError, match=r"log 'log': .* 'start' .* \"rest\" or \"settled\""):
-        check_signals(log, "voltage", "angle")
+        Record.of(log, "voltage", "angle")
 
 
 DECAY = """

@@ -13,10 +13,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, cast
+from typing import Annotated
 
 import numpy as np
-from msgspec import Meta, defstruct
+from msgspec import Meta
 
 from servo_models.actuators.sg90.elements import LOOP, MADE_OF, TABLES, Bench
 from servo_models.core.plant import check_bounds
@@ -24,11 +24,15 @@ from servo_models.core.simulate import Model
 from servo_models.core.types import Array
 from servo_models.data.description import Description, read_description
 from servo_models.data.readers import read_columns
-from servo_models.data.schema import Column, Section, Table
-from servo_models.data.signals import Signal, check_size, in_si, map_signal
-from servo_models.errors import UserError
-from servo_models.identification.elements.estimate import Estimate, Figure
-from servo_models.identification.elements.lines import amplifier, potentiometer
+from servo_models.data.schema import Section, Table
+from servo_models.data.signals import check_size, in_si, map_signal
+from servo_models.errors import UserError, told_at
+from servo_models.identification.elements.estimate import (
+    Figure,
+    Interval,
+    amplifier,
+    potentiometer,
+)
 from servo_models.identification.elements.loop import Synthesis, read_wish, synthesise
 from servo_models.identification.elements.motor import GAIN, STEP_GAIN, motor, motor_step
 from servo_models.identification.result import Doubt
@@ -88,7 +92,7 @@ class ElementsResult(Result):
     model: Model
     synthesis: Synthesis = field(init=False)
     figures: list[Figure] = field(default_factory=list)
-    estimates: dict[str, Estimate] = field(default_factory=dict)
+    estimates: dict[str, Interval] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     files: dict[str, str] = field(default_factory=dict)
@@ -98,7 +102,7 @@ class ElementsResult(Result):
         """Value and standard error [SI] by name of the actuator's parameter."""
         return {name: (e.value, e.standard_error) for name, e in self.estimates.items()}
 
-    def figure(self, element: str, name: str) -> Estimate:
+    def figure(self, element: str, name: str) -> Interval:
         return next(f.estimate for f in self.figures if (f.element, f.name) == (element, name))
 
 
@@ -128,13 +132,12 @@ def identify_elements(description: Description | str | Path) -> ElementsResult:
             _identify(result, element, entries.section(element))
     if not result.figures:
         document.fail("elements", "no element; add [elements.motor] or another one")
-    given = [name for name in (*LOOP, "motor_gain") if name not in result.estimates]
-    parts = {name: Estimate.of(model.values[name]) for name in given} | result.estimates
-    dynamic = [f.estimate for f in result.figures if f.name == STEP_GAIN]
-    if dynamic:
-        parts["motor_gain"] = dynamic[0]
-        given = [name for name in given if name != "motor_gain"]
-        result.notes.append("The loop takes the gain of the motor from its step")
+    parts = {name: e for name, e in result.estimates.items() if name in (*LOOP, "motor_gain")}
+    for figure in result.figures:
+        if figure.name == STEP_GAIN:
+            parts["motor_gain"] = figure.estimate
+            result.notes.append("The loop takes the gain of the motor from its step")
+    given = [name for name in (*LOOP, "motor_gain") if name not in parts]
     if given:
         result.notes.append(f"Given, not measured: {', '.join(given)}")
     unit = model.values["angle_unit"]
@@ -143,17 +146,16 @@ def identify_elements(description: Description | str | Path) -> ElementsResult:
             f"A rad of the shaft counts as {unit:.4g} rad of the angle (angle_unit), as in the"
             " SG90 paper; read strictly it is 1 and K_f smaller by that factor"
         )
+    parts |= {name: Interval.of(model.values[name]) for name in given}
     result.synthesis = synthesise(parts, unit, wish)
-    chosen = result.synthesis.choices[0]
-    k_f, param = chosen.setting.k_f, model.plant.parameters["feedback_coefficient"].param
+    chosen, name = result.synthesis.choices[0], "feedback_coefficient"
+    k_f, param = chosen.setting.k_f, model.plant.parameters[name].param
+    error = chosen.relative_error * k_f
     if param.low <= k_f <= param.high:
-        error = chosen.relative_error * k_f
-        result.estimates["feedback_coefficient"] = Estimate(k_f, error, k_f - error, k_f + error)
+        result.estimates[name] = Interval(k_f, error, k_f - error, k_f + error)
     else:
-        result.warnings.append(
-            f"K_f = {k_f:g} is not kept: 'feedback_coefficient' goes from {param.low:g} to"
-            f" {param.high:g}"
-        )
+        bounds = f"'{name}' goes from {param.low:g} to {param.high:g}"
+        result.warnings.append(f"K_f = {k_f:g} is not kept: {bounds}")
     return result
 
 
@@ -162,23 +164,20 @@ def _identify(result: ElementsResult, element: str, section: Section) -> None:
     file, doubts = "", list[str]()
     if element == GEARS:
         place, teeth = f"'{section.file}', {section.name}.teeth", section.read(GearTable).teeth
-        ratio = Estimate.of(math.prod(driven / driving for driving, driven in teeth))
+        ratio = Interval.of(math.prod(driven / driving for driving, driven in teeth))
         figures = [Figure("ratio K_R", ratio, "1", parameter="gear_ratio")]
     else:
         path, digest, columns = read_table(section, TABLES[element])
         file, place = path.name, f"'{path}', columns {' and '.join(columns)}"
         result.files[file] = digest
-        try:
+        with told_at(place):
             figures, doubts = ESTIMATORS[element](*columns.values())
-        except UserError as error:
-            raise UserError(f"{place}: {error}") from error
     static = result.estimates.get("motor_gain")
+    result.warnings += [f"{place}: {doubt}" for doubt in doubts]
     for figure in figures:
         result.figures.append(replace(figure, element=element, file=file))
         if figure.parameter:
             _keep(result, figure.parameter, figure.estimate.scaled(figure.factor), place)
-    result.warnings += [f"{place}: {doubt}" for doubt in doubts]
-    for figure in figures:
         if figure.name == STEP_GAIN and static and figure.estimate.contradicts(static):
             result.warnings.append(
                 f"the gain of the step, {figure.estimate.value:.5g}, and that of the static line,"
@@ -186,7 +185,7 @@ def _identify(result: ElementsResult, element: str, section: Section) -> None:
             )
 
 
-def _keep(result: ElementsResult, name: str, estimate: Estimate, place: str) -> None:
+def _keep(result: ElementsResult, name: str, estimate: Interval, place: str) -> None:
     """Keep a parameter [SI]; one that cannot be below 0 is 0 then."""
     known = result.model.plant.parameters[name]
     if estimate.value < known.param.low == 0.0:
@@ -207,24 +206,24 @@ def read_table(entry: Section, bench: Bench) -> tuple[Path, str, dict[str, Array
         UserError: an unknown key, no file or column, cells that are no numbers, a unit that
             does not convert, too few rows, a column that is constant.
     """
-    wanted: list[Any] = [(wire.name, Column | Signal) for wire in bench.columns]
-    optional = [(wire.name, Column | Signal | None, None) for wire in bench.optional]
-    lines = [f'{name} = {{ column = "...", unit = "..." }}' for name, *_ in [*wanted, *optional]]
-    doc = {"__doc__": "\n".join([str(ElementTable.__doc__), *lines])}
-    schema = defstruct(
-        "Element", [*wanted, *optional], bases=(ElementTable,), kw_only=True, namespace=doc
-    )
-    table = cast(ElementTable, entry.read(schema))
+    wires = {wire.name: wire for wire in (*bench.columns, *bench.optional)}
+    entry.check_keys((*ElementTable.__struct_fields__, *wires))
+    own = {key: value for key, value in entry.content.items() if key not in wires}
+    table = replace(entry, content=own).read(ElementTable)
     path = entry.file.parent / table.file
     cells = read_columns(path, table.table or None, table.header)
     columns: dict[str, Array] = {}
-    for wire in (*bench.columns, *(wire for wire in bench.optional if wire.name in entry)):
-        mapped = map_signal(entry, wire.name, wire, None)
+    for name, wire in wires.items():
+        if name not in entry:
+            if wire in bench.columns:
+                example = f'{name} = {{ column = "...", unit = "{wire.unit}" }}'
+                entry.fail(name, f"missing; write for example {example}")
+            continue
+        mapped = map_signal(entry, name, wire, None)
         if mapped.table or mapped.channel.shift or mapped.channel.after:
-            entry.fail(wire.name, "table, shift and read belong to columns of logs; leave them out")
-        values = in_si(mapped, cells.numbers(mapped.column))
+            entry.fail(name, "table, shift and read belong to columns of logs; leave them out")
+        values, where = in_si(mapped, cells.numbers(mapped.column)), cells.where(mapped.column)
         check_size(mapped, cells, np.arange(len(values)), values, wire)
-        where = cells.where(mapped.column)
         if len(values) < bench.rows:
             raise UserError(f"{where} has {len(values)} rows: give at least {bench.rows}")
         if any(len(values) != len(other) for other in columns.values()):
@@ -233,7 +232,7 @@ def read_table(entry: Section, bench: Bench) -> tuple[Path, str, dict[str, Array
             )
         if wire in bench.columns and np.all(values == values[0]):
             raise UserError(f"{where} is constant; name another column, or measure over a range")
-        if wire.name == "time":
+        if name == "time":
             cells.check_order(mapped.column, values)
-        columns[wire.name] = values
+        columns[name] = values
     return path, cells.sha256, columns

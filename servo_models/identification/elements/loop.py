@@ -22,11 +22,10 @@ from typing import Annotated
 from msgspec import Meta
 
 from servo_models.data.schema import Section, Share, Table
-from servo_models.identification.elements.estimate import Estimate
+from servo_models.identification.elements.estimate import Interval
 
 REACHED = 1.0 - math.exp(-2.0)  # share at the time constant: the paper's 4.6 s and 2.6 s
-
-
+GAINS = ("amplifier_gain", "motor_gain", "potentiometer_gain")
 Coefficient = Annotated[float, Meta(gt=0.0, le=sys.float_info.max)]
 
 
@@ -79,48 +78,54 @@ class Loop:
     gain: float
     rate: float
 
+    def response(self, k_f: float, bands: Sequence[float]) -> Response:
+        """Return all measures at a feedback coefficient."""
+        from scipy.optimize import brentq
+
+        square, decay = self.gain * k_f, 0.5 * self.rate
+        turn = cmath.sqrt(decay**2 - square)  # from -decay to the poles, imaginary if they swing
+        swing = turn.imag
+        overshoot = math.exp(-math.pi * decay / swing) if swing else 0.0
+
+        def step(time: float) -> float:
+            slow, fast = cmath.exp((turn - decay) * time), cmath.exp(-(turn + decay) * time)
+            both = 0.5 * (slow + fast)
+            lead = (slow - fast) / (2.0 * turn) if abs(turn * time) > 1e-6 else time * both
+            return 1.0 - (both + decay * lead).real
+
+        def crossing(level: float, extreme: int = 0) -> float:
+            """Time [s] at which the step crosses ``level`` after its extreme of that number."""
+            begin, end = 0.0, 1.0 / self.rate
+            if swing:
+                begin, end = extreme * math.pi / swing, (extreme + 1) * math.pi / swing
+            while not swing and step(end) < level:
+                end *= 2.0
+            return float(brentq(lambda time: step(time) - level, begin, end, xtol=1e-12))
+
+        def settling(band: float) -> float:
+            """The extremes 0, 1, 2 ..., the start among them, are off by powers of the overshoot:
+            the band is entered for good after the last one outside."""
+            last = 0
+            if overshoot > 0.0:  # an extreme on the edge of the band is inside, but for rounding
+                last = math.ceil(math.log(band) / math.log(overshoot) - 1e-9) - 1
+            return crossing(1.0 + (band if last % 2 else -band), last)
+
+        flat = 1.0 - self.rate**2 / (2.0 * square)
+        crossed = 0.5 * (math.hypot(self.rate**2, 2.0 * square) - self.rate**2)
+        return Response(
+            k_f=k_f,
+            time_constant=crossing(REACHED),
+            overshoot=overshoot,
+            bandwidth=math.sqrt(square * (flat + math.hypot(flat, 1.0))),
+            phase_margin=math.pi / 2.0 - math.atan(math.sqrt(crossed) / self.rate),
+            settling={band: settling(band) for band in bands},
+        )
+
     def k_f(self, overshoot: float) -> float:
         """Return the feedback coefficient with that overshoot, above 0 and below 1 [1]."""
         swing = math.log(overshoot)
         damping = -swing / math.hypot(math.pi, swing)
         return (self.rate / (2.0 * damping)) ** 2 / self.gain
-
-    def overshoot(self, k_f: float) -> float:
-        """Share of the step by which the response overshoots [1]."""
-        turn = self._turn(k_f).imag
-        return math.exp(-math.pi * 0.5 * self.rate / turn) if turn else 0.0
-
-    def step(self, k_f: float, time: float) -> float:
-        """Step response over its final value [1] at a time [s]."""
-        turn, decay = self._turn(k_f), 0.5 * self.rate
-        slow, fast = cmath.exp((turn - decay) * time), cmath.exp(-(turn + decay) * time)
-        both = 0.5 * (slow + fast)
-        lead = (slow - fast) / (2.0 * turn) if abs(turn * time) > 1e-6 else time * both
-        return 1.0 - (both + decay * lead).real
-
-    def settling(self, k_f: float, band: float) -> float:
-        """Time [s] after which the response stays within ``band`` of the step.
-
-        The extremes 0, 1, 2 ... of the response, the start among them, are off by powers of
-        the overshoot: the band is entered for good after the last one outside.
-        """
-        overshoot, last = self.overshoot(k_f), 0
-        if overshoot > 0.0:  # an extreme on the edge of the band is inside, but for rounding
-            last = math.ceil(math.log(band) / math.log(overshoot) - 1e-9) - 1
-        return self._crossing(k_f, 1.0 + (band if last % 2 else -band), last)
-
-    def response(self, k_f: float, bands: Sequence[float]) -> Response:
-        """Return all measures at a feedback coefficient."""
-        square = 1.0 - self.rate**2 / (2.0 * self.gain * k_f)
-        crossing = 0.5 * (math.hypot(self.rate**2, 2.0 * self.gain * k_f) - self.rate**2)
-        return Response(
-            k_f=k_f,
-            time_constant=self._crossing(k_f, REACHED, 0),
-            overshoot=self.overshoot(k_f),
-            bandwidth=math.sqrt(self.gain * k_f * (square + math.hypot(square, 1.0))),
-            phase_margin=math.pi / 2.0 - math.atan(math.sqrt(crossing) / self.rate),
-            settling={band: self.settling(k_f, band) for band in bands},
-        )
 
     def best(self, band: float, limit: float) -> float:
         """Return K_f of the shortest settling with an overshoot of at most ``limit`` [1].
@@ -128,28 +133,11 @@ class Loop:
         With K_f the settling time falls, until an extreme of the response touches the band,
         and leaps up there: the best is one of these places, or the limit.
         """
-        touching, power = [limit], 1
-        while band ** (1.0 / power) < limit:
-            touching.append(band ** (1.0 / power))
-            power += 1
-        return min(map(self.k_f, touching), key=lambda k_f: self.settling(k_f, band))
-
-    def _turn(self, k_f: float) -> complex:
-        """How far the poles are from -1/(2 T) [1/s], imaginary where the loop oscillates."""
-        return cmath.sqrt(0.25 * self.rate**2 - self.gain * k_f)
-
-    def _crossing(self, k_f: float, level: float, extreme: int) -> float:
-        """Time [s] at which the response crosses ``level`` after its extreme of that number."""
-        from scipy.optimize import brentq
-
-        turn = self._turn(k_f).imag
-        if turn:
-            begin, end = extreme * math.pi / turn, (extreme + 1) * math.pi / turn
-        else:
-            begin, end = 0.0, 1.0 / self.rate
-            while self.step(k_f, end) < level:
-                end *= 2.0
-        return float(brentq(lambda time: self.step(k_f, time) - level, begin, end, xtol=1e-12))
+        count = math.ceil(math.log(band) / math.log(limit))
+        touching = [limit, *(band ** (1.0 / power) for power in range(1, count))]
+        return min(
+            map(self.k_f, touching), key=lambda k_f: self.response(k_f, [band]).settling[band]
+        )
 
 
 @dataclass(frozen=True)
@@ -180,7 +168,7 @@ class Synthesis:
     rows: tuple[Response, ...]
 
 
-def synthesise(parts: Mapping[str, Estimate], angle_unit: float, wish: Wish) -> Synthesis:
+def synthesise(parts: Mapping[str, Interval], angle_unit: float, wish: Wish) -> Synthesis:
     """Put the loop together and choose its feedback coefficient for each band.
 
     Args:
@@ -188,22 +176,17 @@ def synthesise(parts: Mapping[str, Estimate], angle_unit: float, wish: Wish) -> 
         angle_unit: rad of the output per rad of the shaft.
         wish: what it shall be.
     """
-    names = ("motor_time_constant", "gear_ratio", "amplifier_gain", "motor_gain")
-    used = [parts[name] for name in (*names, "potentiometer_gain")]
+    used = [parts[name] for name in ("motor_time_constant", "gear_ratio", *GAINS)]
     constant, ratio, *gains = (part.value for part in used)
     loop = Loop(math.prod(gains) * angle_unit / (constant * ratio), 1.0 / constant)
     # K_f of a given damping goes with 1 / (c T^2), so each element counts once.
     error = math.hypot(*(part.standard_error / part.value for part in used))
     bands = tuple(dict.fromkeys((wish.band, 0.05, 0.02)))
     best = [loop.best(band, wish.overshoot) for band in bands]
-    units = [10.0 ** (math.floor(math.log10(k_f)) - 1) for k_f in best]
-    rounded = [math.floor(k_f / unit * (1.0 + 1e-12)) * unit for k_f, unit in zip(best, units)]
-    usual = [rounded[0] * share for share in (0.25, 0.5, 0.75, 1.0, 1.5, 2.0)]
+    places = [1 - math.floor(math.log10(k_f)) for k_f in best]
+    set_to = [math.floor(k * 10.0**n * (1.0 + 1e-12)) / 10.0**n for k, n in zip(best, places)]
+    usual = [round(set_to[0] * share, 12) for share in (0.25, 0.5, 0.75, 1.5, 2.0)]
     asked = wish.k_f if isinstance(wish.k_f, list) else [wish.k_f]
-    wanted = {*best, *asked, *(round(k_f, 12) for k_f in (*usual, *rounded))}
-    at = {k_f: loop.response(k_f, bands) for k_f in sorted(wanted)}
-    choices = [
-        Choice(band, at[k_f], at[round(setting, 12)], error)
-        for band, k_f, setting in zip(bands, best, rounded)
-    ]
+    at = {k_f: loop.response(k_f, bands) for k_f in sorted({*best, *set_to, *usual, *asked})}
+    choices = [Choice(band, at[k], at[s], error) for band, k, s in zip(bands, best, set_to)]
     return Synthesis(loop, wish, tuple(choices), tuple(at.values()))

@@ -8,8 +8,8 @@ the speed meter.
 
 An edge *with a jump* lies anywhere between the last row before and the first row after it,
 with equal chance.  An edge *without one* is a corner of fitted lines, with the standard error of
-their crossing.  A jump is claimed only where it explains the rows better by more than three
-standard errors.
+their crossing.  A jump is claimed only where the row beside it is off the line by more than three
+standard deviations.
 
 From any row after a step of voltage on, speed = final + (first - final) exp(-(t - t_first)/T):
 time constant and final speed are fitted there, whenever exactly the step was.
@@ -20,9 +20,9 @@ Sources: SG90 paper secs. 4.3, Fig. 8, and 5.2 (model 2); Hudson, J. Am. Stat. A
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from operator import itemgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,16 +31,12 @@ from servo_models.core.types import Array, Mask
 from servo_models.errors import UserError
 from servo_models.identification.elements.estimate import (
     BENT,
-    Estimate,
     Figure,
     Fit,
-    between,
-    combined,
+    Interval,
     fit,
-    is_bent,
-    is_correlated,
+    is_curved,
     linear,
-    rounding,
 )
 
 STILL, LINE, TOP = 0, 1, 2
@@ -64,38 +60,39 @@ def motor(
         UserError: one direction only, a side that never turns, or too few rows on a line.
     """
     curve = _fitted(voltage, speed, _rising(voltage) if branch is None else branch > 0.0)
-    (positive, widths), (negative, others) = (_side(curve, k) for k in range(2))
-    gain, shift = curve.fit.estimate(lambda v: v[0]), curve.shift
-    figures = [Figure("gain K_EN", gain, GAIN, parameter="motor_gain"), *positive, *negative]
-    doubts = [
-        f"no {name} voltage reaches a top speed; 'top_{name}' is not identified, add rows of higher"
-        " voltage"
-        for name in NAMES
-        if not any(figure.parameter == f"top_{name}" for figure in figures)
-    ]
-    up, down = positive[0].estimate, negative[0].estimate
-    if up.contradicts(down):
+    gain, shift, doubts = curve.fit.estimate(itemgetter(0)), curve.shift, list[str]()
+    figures = [Figure("gain K_EN", gain, GAIN, parameter="motor_gain")]
+    gains, widths = list[Interval](), list[Interval]()
+    off = (curve.y - curve.line) * (curve.fit.squares > 0.0)
+    for k, name in enumerate(NAMES):
+        found, moved = _side(curve, k)
+        figures, gains, widths = figures + found, [*gains, found[0].estimate], widths + moved
+        if not np.any(curve.at(k, TOP)):
+            doubts.append(
+                f"no {name} voltage reaches a top speed; 'top_{name}' is not identified, add rows"
+                " of higher voltage"
+            )
+    if gains[0].contradicts(gains[1]):
         doubts.append(
-            f"the gains of both sides differ, {up.value:.5g} and {down.value:.5g} {GAIN};"
+            f"the gains of both sides differ, {gains[0].value:.5g} and {gains[1].value:.5g} {GAIN};"
             " 'motor_gain' is their common one, see effect direction_asymmetry"
         )
-    off = (curve.y - curve.line) * (curve.fit.squares > 0.0)
-    if any(is_bent(curve.x[rows], off[rows]) for rows in (curve.at(k, LINE) for k in range(2))):
+    if any(is_curved(curve.x[rows], off[rows]) for rows in (curve.at(k, LINE) for k in range(2))):
         doubts.append(BENT)
-    distinct = list(dict.fromkeys([*widths, *others]))
-    if not distinct:
+    if not widths:
         doubts.append("one branch only; hysteresis shows with rising and falling voltage")
-    else:
-        width = combined(*((0.5, each) for each in distinct)) if distinct[1:] else distinct[0]
-        text = "hysteresis width at the edges"
-        figures.append(Figure(text, width, "V", "", "hysteresis.half_width", 0.5))
-        if shift and width.contradicts(shift):
+        return figures, doubts
+    distinct = dict.fromkeys(widths)  # without jumps both sides have that of the lines
+    width = Interval.sum(*((1.0 / len(distinct), one) for one in distinct))
+    text = "hysteresis width at the edges"
+    figures.append(Figure(text, width, "V", "", "hysteresis.half_width", 0.5))
+    if shift:
+        figures.append(Figure("shift of the line, rising to falling", shift, "V"))
+        if width.contradicts(shift):
             doubts.append(
                 f"between the branches the edges move by {width.value:.3g} V and the line by"
                 f" {shift.value:.3g} V; effect hysteresis moves both alike"
             )
-    if shift:
-        figures.append(Figure("shift of the line, rising to falling", shift, "V"))
     return figures, doubts
 
 
@@ -117,7 +114,6 @@ class _Curve:
         branch: 1 where the voltage rises, -1 where it falls, shape (n,).
         side: position of the direction in ``NAMES``, shape (n,).
         regions: of the rows, shape (n,).
-        corners: sides whose line goes over into the top speed without a jump.
     """
 
     x: Array
@@ -125,7 +121,6 @@ class _Curve:
     branch: Array
     side: NDArray[np.int64]
     regions: NDArray[np.int64]
-    corners: frozenset[int] = frozenset()
 
     @cached_property
     def fit(self) -> Fit:
@@ -140,18 +135,23 @@ class _Curve:
         return linear(design[turns], self.y[turns])
 
     @property
+    def effective(self) -> Array:
+        """Voltage less the shift of its branch [V] at each row."""
+        return np.asarray(self.x - self.fit.values[3] / self.fit.values[0] * self.branch)
+
+    @property
     def line(self) -> Array:
         """Speed of the line [rad/s] at each row, whether the motor turns or not."""
         gain, *levels = self.fit.values[:3]
         return np.asarray(gain * self.effective - np.array(levels)[self.side])
 
     @property
-    def effective(self) -> Array:
-        """Voltage less the shift of its branch [V] at each row."""
-        return np.asarray(self.x - self.fit.values[3] / self.fit.values[0] * self.branch)
+    def chance(self) -> float:
+        """Speed [rad/s] by which a row may be off for nothing but noise."""
+        return 3.0 * self.fit.scatter + 1e-9 * float(np.max(self.y))
 
     @property
-    def shift(self) -> Estimate | None:
+    def shift(self) -> Interval | None:
         """Of the line, rising minus falling [V]; None without both branches."""
         told = np.any(self.fit.slopes[:, 3])
         return self.fit.estimate(lambda v: 2.0 * v[3] / v[0]) if told else None
@@ -159,17 +159,13 @@ class _Curve:
     def at(self, side: int, region: int) -> Mask:
         return np.asarray((self.side == side) & (self.regions == region))
 
-    def zero(self, side: int, branch: float = 0.0) -> Estimate:
+    def zero(self, side: int, branch: float = 0.0) -> Interval:
         """Where the line of a side meets 0 [V]; with ``branch`` 0 the mean of both branches."""
         return self.fit.estimate(lambda v: (v[1 + side] + branch * v[3]) / v[0])
 
-    def is_better(self, squares: float) -> bool:
-        """Whether rows explained with ``squares`` less are more than chance."""
-        return squares > (3.0 * self.fit.scatter) ** 2 + rounding(self.y)
-
 
 def _fitted(voltages: Array, speeds: Array, rising: Mask) -> _Curve:
-    """Fit lines and top speeds; a corner at the top unless the rows object to it."""
+    """Fit lines and top speeds to both sides."""
     moved = voltages != 0.0
     sign = np.sign(voltages[moved])
     x, y, branch = np.abs(voltages[moved]), sign * speeds[moved], np.where(rising[moved], 1.0, -1.0)
@@ -185,23 +181,27 @@ def _fitted(voltages: Array, speeds: Array, rising: Mask) -> _Curve:
             )
         alone = _Curve(x[here], y[here], branch[here], 0 * side[here], regions[here])
         regions[here] = _regions(alone, name)
-    curve = _Curve(x, y, branch, side, regions)
-    for k in range(2):
-        corner = _with_corner(curve, k) if np.any(curve.at(k, TOP)) else None
-        if corner and not curve.is_better(corner.fit.squares - curve.fit.squares):
-            curve = corner
-    return curve
+    return _Curve(x, y, branch, side, regions)
 
 
 def _regions(side: _Curve, name: str) -> NDArray[np.int64]:
     """Return the region of each row of a side.
 
-    A row turns if its speed is nearer to the line than to 0; the line and the top speed are
-    those of the rows that turn.
+    A row turns if its speed is nearer to the line than to 0; the line and the top speed are those
+    of the rows that turn, split where that leaves least.
     """
-    turns = side.y > 0.05 * np.max(side.y)  # a first guess
+    turns, order = side.y > 0.05 * np.max(side.y), np.argsort(side.x, kind="stable")
     for _ in range(ROUNDS):
-        splits = [(score, k, curve) for k, (score, curve) in enumerate(_splits(side, turns))]
+        rows, splits = order[turns[order]], list[tuple[float, int, _Curve]]()
+        n, x = len(rows), side.x[rows]
+        for cut in [*range(3, n - 1), n]:  # the first row at a top speed; n for none
+            regions = np.full(len(side.x), STILL, dtype=np.int64)
+            regions[rows[:cut]], regions[rows[cut:]] = LINE, TOP
+            curve, torn = replace(side, regions=regions), cut < n and x[cut] == x[cut - 1]
+            rise = curve.fit.values[0] * np.ptp(x[:cut])
+            if len(np.unique(x[:cut])) >= 3 and not torn and rise >= 0.05 * np.max(side.y):
+                # a level, and an edge searched for
+                splits.append((curve.fit.criterion(4.0 * (cut < n)), cut, curve))
         if not splits:
             raise UserError(
                 f"no linear region at {name} voltages; add 3 rows or more between the edge, from"
@@ -215,88 +215,52 @@ def _regions(side: _Curve, name: str) -> NDArray[np.int64]:
     return best.regions
 
 
-def _splits(side: _Curve, turns: Mask) -> Iterator[tuple[float, _Curve]]:
-    """Criterion and curve for every place from which the turning rows may be at a top speed, the
-    last of them for none."""
-    order = np.flatnonzero(turns)[np.argsort(side.x[turns], kind="stable")]
-    n = len(order)
-    for cut in [*range(3, n - 1), n]:
-        regions = np.full(len(side.x), STILL, dtype=np.int64)
-        regions[order[:cut]], regions[order[cut:]] = LINE, TOP
-        curve, x = replace(side, regions=regions), side.x[order]
-        rise = curve.fit.values[0] * (x[cut - 1] - x[0])
-        torn = cut < n and x[cut] == x[cut - 1]
-        if len(np.unique(x[:cut])) < 3 or torn or rise < 0.05 * np.max(side.y):
-            continue
-        score = n * math.log((curve.fit.squares + rounding(side.y)) / n)
-        yield score + 4.0 * math.log(n) * (cut < n), curve  # a level, and an edge searched for
-
-
-def _with_corner(curve: _Curve, k: int) -> _Curve | None:
-    """The fit in which the top speed cuts the line, which says what rows are at the top."""
-    here, corners = (curve.side == k) & (curve.regions != STILL), curve.corners | {k}
-    for _ in range(ROUNDS):
-        at_top = np.where(curve.line >= curve.fit.values[4 + k], TOP, LINE)
-        if min(np.sum(at_top[here] == TOP), np.sum(at_top[here] == LINE)) < 2:
-            return None
-        before = curve.regions
-        curve = replace(curve, regions=np.where(here, at_top, before), corners=corners)
-        if np.array_equal(before, curve.regions):
-            return curve
-    return None
-
-
-def _side(curve: _Curve, k: int) -> tuple[list[Figure], list[Estimate]]:
+def _side(curve: _Curve, k: int) -> tuple[list[Figure], list[Interval]]:
     """Figures of a side that the table tells, its gain first, and the hysteresis at its edges."""
     name, sign = NAMES[k], (1.0, -1.0)[k]
     on_line, at_top, x = curve.at(k, LINE), curve.at(k, TOP), curve.effective
     alone = linear(np.column_stack([x, np.ones(len(x))])[on_line], curve.y[on_line])
-    figures = [Figure(f"gain, {name}", alone.estimate(lambda v: v[0]), GAIN)]
+    figures = [Figure(f"gain, {name}", alone.estimate(itemgetter(0)), GAIN)]
 
-    def add(what: str, estimate: Estimate, unit: str = "V", parameter: str = "") -> None:
+    def add(what: str, estimate: Interval, unit: str = "V", parameter: str = "") -> None:
         text, shown = f"{what}, {name}", estimate.scaled(sign)
         figures.append(Figure(text, shown, unit, "", parameter and f"{parameter}_{name}", sign))
 
-    edges = {"edge, rising": _edge(curve, k, 1.0), "edge, falling": _edge(curve, k, -1.0)}
-    known = {what: edge for what, edge in edges.items() if edge}
-    (first, jump), *others = known.values()
-    middle, widths = first, list[Estimate]()
-    for second, other in others:
-        middle = combined((0.5, first), (0.5, second))
-        if jump == other:  # one edge seen twice
-            middle = first if jump else curve.zero(k)
-        moved = None if jump or other else curve.shift
-        widths.append(moved or combined((1.0, first), (-1.0, second)))
+    edges = {"rising": _edge(curve, k, 1.0), "falling": _edge(curve, k, -1.0)}
+    known = {which: edge for which, edge in edges.items() if edge}
+    (middle, leaps), *others = known.values()
+    widths = list[Interval]()
+    for other, also in others:
+        widths.append(Interval.sum((1.0, middle), (-1.0, other)))
+        if middle != other:  # else one edge, seen twice
+            middle = Interval.sum((0.5, middle), (0.5, other))
+            if curve.shift and not (leaps or also):
+                middle, widths = curve.zero(k), [curve.shift]
     add("insensitivity edge", middle, parameter="edge")
-    for what, (place, _) in known.items():
-        add(what, place)
+    for which, (place, _) in known.items():
+        add(f"edge, {which}", place)
     add("zero of the line", curve.zero(k), parameter="zero")
     if np.any(at_top):
-        saturation = between(float(x[on_line].max()), float(x[at_top].min()))
-        if k in curve.corners:
+        saturation = Interval.between(float(x[on_line].max()), float(x[at_top].min()))
+        top = curve.fit.estimate(itemgetter(4 + k))
+        if top.value - np.min(curve.line[at_top]) < curve.chance:  # no jump, but a corner
             saturation = curve.fit.estimate(lambda v: (v[1 + k] + v[4 + k]) / v[0])
         add("saturation edge", saturation)
-        add("top speed", curve.fit.estimate(lambda v: v[4 + k]), "rad/s", "top")
+        add("top speed", top, "rad/s", "top")
     return figures, widths
 
 
-def _edge(
-    curve: _Curve, k: int, branch: float
-) -> tuple[Estimate, tuple[float, float] | None] | None:
-    """Where a branch starts or ends to turn, and between what rows it jumps; None if no row of
-    it turns."""
-    x, y, line = curve.x, curve.y, curve.line
+def _edge(curve: _Curve, k: int, branch: float) -> tuple[Interval, bool] | None:
+    """Where a branch starts or ends to turn, and whether it jumps; None if no row of it turns."""
     here = (curve.side == k) & (curve.branch == branch)
     still, turns = here & (curve.regions == STILL), here & (curve.regions != STILL)
     if not turns.any():
         return None
-    zero, first = curve.zero(k, branch), float(np.min(x[turns]))
-    held = still & (line > 0.0)
-    better = float(np.sum((y[held] - line[held]) ** 2 - y[held] ** 2))
-    if still.any() and not curve.is_better(better):
-        return replace(zero, high=max(zero.high, first)), None
-    last = max(float(np.max(x[still], initial=0.0)), zero.value)
-    return between(last, first), (last, first)
+    zero, first = curve.zero(k, branch), float(np.min(curve.x[turns]))
+    if still.any() and np.max((curve.line - curve.y)[still]) < curve.chance:
+        return replace(zero, high=max(zero.high, first)), False
+    last = max(float(np.max(curve.x[still], initial=0.0)), zero.value)
+    return Interval.between(last, first), True
 
 
 def motor_step(
@@ -305,7 +269,7 @@ def motor_step(
     """Return time constant and, with the voltage, gain of a step up or down; and doubts.
 
     Args:
-        time, speed: rows [s], [rad/s], shape (n,).
+        time, speed: rows [s], [rad/s], shape (n,), from the step on if there is no voltage.
         voltage: [V], shape (n,), constant but for one step; without a step in it the motor stood
             still without voltage before the record.
 
@@ -313,16 +277,18 @@ def motor_step(
         UserError: fewer than 6 rows after the step, a second step, or a record that ends
             before the time constant shows.
     """
-    first = _begun(speed, voltage)
+    first = 0
+    if voltage is not None:
+        above = voltage > 0.5 * (np.min(voltage) + np.max(voltage))
+        first, *others = *(np.flatnonzero(np.diff(above)) + 1).tolist(), 0
+        if others[1:]:
+            raise UserError("the voltage changes more than once; cut the record to one step")
     since, after = time[first:] - time[first], speed[first:]
     if len(since) < 6:
         raise UserError(
             f"{len(since)} rows after the step: give at least 6, until the speed settles"
         )
-    final = float(np.mean(after[-max(len(after) // 10, 1) :]))
-    covered = np.abs(after - after[0]) >= (1.0 - math.exp(-1.0)) * abs(final - after[0])
-    slow = math.log(max(since[np.argmax(covered)], since[1]))
-    start = [final, after[0] - final, slow]
+    start = [after[-1], after[0] - after[-1], math.log(0.1 * since[-1])]
     best = fit(lambda v: v[0] + v[1] * np.exp(-since * np.exp(-v[2])), after, start)
     constant = best.estimate(lambda v: math.exp(v[2]))
     if constant.low <= 0.0 or constant.value > since[-1]:
@@ -331,30 +297,17 @@ def motor_step(
         )
     figures = [Figure("time constant T", constant, "s", parameter="motor_time_constant")]
     if voltage is not None:
-        before, size = speed[:first], float(np.mean(voltage[first:]))
-        initial = Estimate.of(0.0)  # if no row shows it
+        size, initial = float(np.mean(voltage[first:])), Interval.of(0.0)  # if no row shows it
         if first:
             size -= voltage[0]
-            initial = Estimate.of(float(np.mean(before)), best.scatter / math.sqrt(first))
+            error = best.scatter / math.sqrt(first)
+            initial = Interval.of(float(np.mean(speed[:first])), error)
         if size == 0.0:
             raise UserError("the voltage is 0 throughout; leave its column out, or correct it")
-        gain = combined((1.0 / size, best.estimate(lambda v: v[0])), (-1.0 / size, initial))
+        gain = Interval.sum((1.0 / size, best.estimate(itemgetter(0))), (-1.0 / size, initial))
         figures.append(Figure(STEP_GAIN, gain, GAIN))
     doubt = (
-        "the speed is not quite that of a first order, so that the standard errors are too small"
+        "the speed is not quite that of a first order, so that the standard errors are too small;"
+        " without a voltage the table begins at the step"
     )
-    return figures, [doubt] * is_correlated(best.residuals)
-
-
-def _begun(speeds: Array, voltages: Array | None) -> int:
-    """First row after the step of the voltage, 0 if there is none; without a voltage that from
-    which the speed has covered a tenth of its change for good."""
-    if voltages is not None:
-        above = voltages > 0.5 * (np.min(voltages) + np.max(voltages))
-        changes = np.flatnonzero(np.diff(above)) + 1
-        if len(changes) > 1:
-            raise UserError("the voltage changes more than once; cut the record to one step")
-        return int(changes[0]) if len(changes) else 0
-    covered = (speeds - speeds[0]) * np.sign(speeds[-1] - speeds[0])
-    before = np.flatnonzero(covered < 0.1 * abs(speeds[-1] - speeds[0]))
-    return int(before[-1]) + 1 if len(before) > 1 else 0
+    return figures, [doubt] * is_curved(since, best.residuals)

@@ -9,8 +9,8 @@ Sources: Ljung, System Identification, 2nd ed., secs. 7.4, 9.4 and 9.5.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -38,7 +38,8 @@ def fit(
     if not starts:
         return None
     scouted = [problem.descend(start.coefficients, evaluations=25) for start in starts]
-    x = min(scouted, key=problem.unlikelihood)
+    counts = np.array([np.sum(data.fitted) for data in measurements])
+    x = min(scouted, key=lambda x: float(counts @ np.log(problem.levels(x))))  # the likeliest
     for _ in range(6):  # coefficients given noise levels, then noise levels given coefficients
         x = problem.descend(x, evaluations=60)
         before, problem.noise = problem.noise, problem.levels(x)
@@ -61,9 +62,8 @@ class _Problem:
         if self._last[0] != x.tobytes():
             with np.errstate(all="ignore"):
                 function = self.structure.function(x)
-                both = [data.errors(function, self.structure.delay) for data in self.measurements]
-            rows = [data.fitted for data in self.measurements]
-            self._last = x.tobytes(), [(e[used], j[used]) for (e, j), used in zip(both, rows)]
+                both = [(data.errors(function), data.fitted) for data in self.measurements]
+            self._last = x.tobytes(), [(e[used], j[used, : len(x)]) for (e, j), used in both]
         return self._last[1]
 
     def levels(self, x: Array) -> Array:
@@ -73,17 +73,13 @@ class _Problem:
         sizes = np.array([max(float(np.std(e)), 1e-300) for e in errors])
         return np.asarray(sizes / np.sqrt(free))
 
-    def unlikelihood(self, x: Array) -> float:
-        """Negative log-likelihood with the noise levels at their best, up to a constant."""
-        counts = np.array([len(e) for e, _ in self.parts(x)])
-        return float(counts @ np.log(self.levels(x)))
-
     def descend(self, x: Array, evaluations: int) -> Array:
         """Least squares from ``x``, whose response is finite."""
         from scipy.optimize import least_squares
 
-        def weighted(x: Array, which: int) -> Array:
-            return np.concatenate([p[which] / s for p, s in zip(self.parts(x), self.noise)])
+        def weighted(k: int) -> Callable[[Array], Array]:
+            """Errors, or slopes, over the noise."""
+            return lambda x: np.concatenate([p[k] / s for p, s in zip(self.parts(x), self.noise)])
 
         low, high = np.full((2, len(x)), [[-np.inf], [np.inf]])
         if self.structure.delay:
@@ -91,16 +87,9 @@ class _Problem:
             x = np.append(x[:-1], np.clip(x[-1], 1e-9 * high[-1], 0.999 * high[-1]))
         # Sizes of coefficients differ by powers of ten, so the squares alone say when to end.
         options = {"x_scale": "jac", "ftol": 1e-8, "xtol": None, "gtol": None}
+        options |= {"bounds": (low, high), "max_nfev": evaluations}
         with np.errstate(all="ignore"):  # a step too far may be unstable, and is taken back
-            descent = least_squares(
-                partial(weighted, which=0),
-                x,
-                partial(weighted, which=1),
-                bounds=(low, high),
-                max_nfev=evaluations,
-                **options,
-            )
-        return np.asarray(descent.x)
+            return np.asarray(least_squares(weighted(0), x, weighted(1), **options).x)
 
     def covariance(self, x: Array) -> Array:
         """Residuals that are not white count with their covariance."""
@@ -122,14 +111,14 @@ def _starts(
 ) -> list[TransferFunction]:
     """Return functions to start from: equal poles anywhere in the band, and the best function
     without a delay, with any delay."""
-    low, high = band(measurements)
-    starts = list[TransferFunction]()
+    (low, high), starts = band(measurements), list[TransferFunction]()
     for rate in np.geomspace(low, high, 6):
         bottom, top = np.poly([-rate] * structure.poles), np.zeros(structure.zeros + 1)
         delay = 0.5 / rate if structure.delay else 0.0
         with np.errstate(all="ignore"):
-            gain = measurements[0].gain(TransferFunction.of(bottom[-1:], bottom, delay))
-        top[-1] = gain * bottom[-1]
+            lag = TransferFunction.of(bottom[-1:], bottom, delay)
+            model, measured = measurements[0].moved(lag)
+            top[-1] = bottom[-1] * np.vdot(model, measured).real / np.vdot(model, model).real
         starts.append(TransferFunction.of(top, bottom, delay))
     if structure.delay and not undelayed:
         fitted = fit(replace(structure, delay=False), measurements)
@@ -143,5 +132,5 @@ def _starts(
 def _is_finite(function: TransferFunction, measurements: Measurements) -> bool:
     """Whether it can be evaluated: superfluous poles may run away to any speed."""
     with np.errstate(all="ignore"):
-        errors = [data.errors(function, False)[0] for data in measurements]
+        errors = [data.errors(function)[0] for data in measurements]
     return all(np.all(np.isfinite(each)) for each in errors)

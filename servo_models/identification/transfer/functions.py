@@ -100,11 +100,9 @@ class TransferFunction:
 
 def _polynomial(coefficients: tuple[float, ...]) -> str:
     """``s^2 + 372 s + 1.5376e+06``, six digits each."""
-    text = ""
+    terms = []
     for power, value in zip(range(len(coefficients))[::-1], coefficients):
-        variable = {0: "", 1: "s"}.get(power, f"s^{power}")
-        number = f"{abs(value):.6g}"
-        size = variable if variable and number == "1" else f"{number} {variable}".strip()
-        sign = "-" if value < 0.0 else "+"
-        text += f" {sign} {size}" if text else f"{sign} {size}".replace("+ ", "").replace("- ", "-")
-    return text
+        number, variable = f"{value:.6g}", {0: "", 1: "s"}.get(power, f"s^{power}")
+        bare = power and number in ("1", "-1")
+        terms.append(f"{number[:-1]}{variable}" if bare else f"{number} {variable}".strip())
+    return " + ".join(terms).replace("+ -", "- ")

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from servo_models.analysis.statistics import dependence, inflation, rms, whiteness
+from servo_models.analysis.statistics import inflation, rms, whiteness
 from servo_models.core.plant import GreyBox, Wire, check_known
 from servo_models.core.simulate import Model
 from servo_models.core.stop import Tell, silent
@@ -32,6 +32,7 @@ from servo_models.identification.transfer.measurements import (
     Record,
     Sweep,
 )
+from servo_models.report.numbers import plural
 from servo_models.report.result import Result
 
 WORSE = 10.0  # difference of the BIC that is very strong evidence (Kass and Raftery)
@@ -43,30 +44,27 @@ class Candidate:
     """A transfer function in the comparison.
 
     Attributes:
-        name: its structure, or the name under which it was given.
-        covariance: of its coefficients, SI; None for a given one.
+        name: its structure.
+        covariance: of its coefficients, SI.
         errors, held_out_errors: by name of the measurements; SI for records; for frequency
-            responses logarithm of gain, then phase [rad], over the points' spread.
+            responses logarithm of gain, then phase [rad].
         fit, held_out: share of the records' movement that is described, 1 for all of it,
             on fitted and on held-out samples; None without any.
-        white: least probability, over the records, of such autocorrelations in white noise.
-        independent: least probability of such correlations with past inputs if there is none;
-            both None without records.
-        aic, bic: information criteria, less is better.
+        white: least probability, over the records, of such autocorrelations in white noise; None
+            without records.
+        bic: information criterion, less is better.
         fault: what disqualifies it however well it fits, "" for nothing.
         reason: why it is rejected; "" for the chosen one.
     """
 
     name: str
     function: TransferFunction
-    covariance: Array | None
+    covariance: Array
     errors: Mapping[str, Array]
     held_out_errors: Mapping[str, Array]
     fit: float | None
     held_out: float | None
     white: float | None
-    independent: float | None
-    aic: float = np.inf
     bic: float = np.inf
     fault: str = ""
     reason: str = ""
@@ -76,14 +74,13 @@ class Candidate:
         cls,
         name: str,
         function: TransferFunction,
-        covariance: Array | None,
+        covariance: Array,
         measurements: Measurements,
     ) -> Candidate:
         """Compare a function with all measurements."""
         with np.errstate(all="ignore"):
-            every = [(data, data.errors(function, False)[0]) for data in measurements]
+            every = [(data, data.errors(function)[0]) for data in measurements]
         records = [(data, errors) for data, errors in every if isinstance(data, Record)]
-        judged = [(r.given, errors, r.fitted) for r, errors in records if r.fitted.any()]
         return cls(
             name,
             function,
@@ -92,14 +89,13 @@ class Candidate:
             held_out_errors={data.name: errors[~data.fitted] for data, errors in every},
             fit=_described([(r.measured[r.fitted], e[r.fitted]) for r, e in records]),
             held_out=_described([(r.measured[r.held_out], e[r.held_out]) for r, e in records]),
-            white=min((whiteness(e, rows) for _, e, rows in judged), default=None),
-            independent=min((dependence(e, u, rows) for u, e, rows in judged), default=None),
+            white=min((whiteness(e, r.fitted) for r, e in records if r.fitted.any()), default=None),
         )
 
     @property
-    def standard_errors(self) -> Array | None:
+    def standard_errors(self) -> Array:
         """Of ``function.coefficients``."""
-        return None if self.covariance is None else np.sqrt(np.diag(self.covariance))
+        return np.sqrt(np.diag(self.covariance))
 
     @property
     def size(self) -> int:
@@ -120,8 +116,8 @@ def _described(pairs: Sequence[tuple[Array, Array]]) -> float | None:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TransferResult(Result):
-    """All candidates in order of size, given ones first, and the one chosen, from ``source`` to
-    ``output``; physical constants where the actuator has a grey box; warnings as sentences."""
+    """All candidates in order of size, and the one chosen, from ``source`` to ``output``; physical
+    constants where the actuator has a grey box; warnings as sentences."""
 
     source: Wire
     output: Wire
@@ -130,7 +126,6 @@ class TransferResult(Result):
     chosen: Candidate
     constants: PhysicalConstants | None = None
     warnings: tuple[str, ...] = ()
-    interrupted: bool = False
 
 
 def identify_transfer(
@@ -141,7 +136,6 @@ def identify_transfer(
     source: str | None = None,
     output: str | None = None,
     structures: Iterable[Structure] = STRUCTURES,
-    given: Mapping[str, TransferFunction] | None = None,
     known_errors: Mapping[str, float] | None = None,
     progress: Tell = silent,
 ) -> TransferResult:
@@ -152,7 +146,6 @@ def identify_transfer(
     Args:
         model: says what the signals are, and the known constants of a grey box.
         source, output: default the variant's command and first output.
-        given: transfer functions to be judged beside the fitted ones, SI.
         known_errors: standard errors of the grey box's known constants, SI by parameter.
         progress: is told the name of each structure before its fit.
 
@@ -165,11 +158,12 @@ def identify_transfer(
     check_known("input", [source], inputs, place)
     check_known("output", [output], plant.outputs, place)
     rest = inputs[source].rest
-    rest = rest if isinstance(rest, float) else 0.0
-    chosen_sweeps = [s for s in sweeps if (s.source, s.output) == (source, output)]
+    equilibrium = rest if isinstance(rest, float) else 0.0
+    records = [Record.of(log, source, output, equilibrium) for log in logs]
+    others = [sweep for sweep in sweeps if (sweep.source, sweep.output) != (source, output)]
     measurements: tuple[Measurement, ...] = (
-        *(Record.of(log, source, output, rest) for log in logs),
-        *chosen_sweeps,
+        *records,
+        *(sweep for sweep in sweeps if sweep not in others),
     )
     used = [data for data in measurements if data.fitted.any()]
     if not used:
@@ -177,22 +171,19 @@ def identify_transfer(
             f"nothing to fit from '{source}' to '{output}': give a log or a sweep of them that is"
             " not held out"
         )
-    fits, interrupted = _fits(structures, used, progress)
-    tried = [Candidate.of(n, f, None, measurements) for n, f in (given or {}).items()]
-    tried += [Candidate.of(str(s), *fitted, measurements) for s, fitted in fits.items()]
-    longest = max((float(e.times[-1]) for e in measurements if isinstance(e, Record)), default=None)
+    fits = _fits(structures, used, progress)
+    tried = [Candidate.of(str(s), *fitted, measurements) for s, fitted in fits.items()]
+    longest = max((float(record.times[-1]) for record in records), default=None)
     candidates = choose(tried, measurements, longest)
     chosen = next(c for c in candidates if not c.reason)
     told = [
-        f"'{sweep.name}' is from '{sweep.source}' to '{sweep.output}', and is left out of what is"
-        f" fitted from '{source}' to '{output}'"
-        for sweep in sweeps
-        if sweep not in chosen_sweeps
+        *(
+            f"'{sweep.name}' is from '{sweep.source}' to '{sweep.output}', and is left out of what"
+            f" is fitted from '{source}' to '{output}'"
+            for sweep in others
+        ),
+        *warnings(chosen, candidates, longest),
     ]
-    if interrupted:
-        text = "interrupted: larger structures were not tried; the best of the others is chosen"
-        told.insert(0, Doubt(text))
-    told += warnings(chosen, candidates, longest)
     constants, box = None, model.actuator.grey_box
     if box and (box.source, box.output) == (source, output):
         constants, doubts = _constants(model, box, candidates, chosen, known_errors)
@@ -205,7 +196,6 @@ def identify_transfer(
         chosen,
         constants,
         tuple(told),
-        interrupted,
     )
 
 
@@ -213,25 +203,17 @@ def _fits(
     structures: Iterable[Structure],
     measurements: Measurements,
     progress: Tell,
-) -> tuple[dict[Structure, Fit], bool]:
-    """Fit every structure, the small ones first; whoever interrupts gets those that are done, and
-    True."""
+) -> dict[Structure, Fit]:
+    """Fit every structure, the small ones first."""
     rows = min(int(np.sum(data.fitted)) for data in measurements)
     done: dict[Structure, Fit] = {}
     for structure in sorted(structures, key=lambda s: (s.poles, s.delay, s.zeros)):
-        if structure.size >= rows:
-            continue
-        try:
+        if structure.size < rows:
             progress(str(structure))
             undelayed, _ = done.get(replace(structure, delay=False), (None, None))
-            fitted = fit(structure, measurements, undelayed)
-        except KeyboardInterrupt:
-            if not done:
-                raise
-            return done, True
-        if fitted:
-            done[structure] = fitted
-    return done, False
+            if fitted := fit(structure, measurements, undelayed):
+                done[structure] = fitted
+    return done
 
 
 def _constants(
@@ -243,19 +225,19 @@ def _constants(
 ) -> tuple[PhysicalConstants | None, list[str]]:
     """Constants from the candidate that the grey box solves, chosen or not, within the bounds of
     the actuator; and what to say of them."""
-    fitted = [(c, c.function.structure) for c in candidates if c.covariance is not None]
-    shaped = [c for c, shape in fitted if (shape.poles, shape.zeros) == (box.poles, 0)]
+    shaped = [
+        c for c in candidates if replace(c.function.structure, delay=False) == Structure(box.poles)
+    ]
     sound = [c for c in shaped if not c.fault]
     if not sound:
         faults = "; ".join(f"'{c.name}': {c.fault}" for c in shaped) or "none was asked for"
-        return None, [
-            f"no physical constants, since no function of order {box.poles} will do ({faults})"
-        ]
-    taken = chosen if chosen in sound else min(sound, key=lambda c: c.bic)
-    physical = physical_constants(
+        text = f"no physical constants, since no function of order {box.poles} will do ({faults})"
+        return None, [text]
+    taken, doubts = chosen if chosen in sound else min(sound, key=lambda c: c.bic), list[str]()
+    found = physical_constants(
         box, taken.function.coefficients, model.values, taken.covariance, known_errors
     )
-    constants, doubts = dict(physical.constants), list[str]()
+    constants = dict(found.constants)
     if model.values.get(box.delay):  # of the variant, which would stay where the function has none
         constants.setdefault(box.delay, Constant(box.delay, 0.0, None))
     for name, constant in constants.items():
@@ -274,45 +256,33 @@ def _constants(
             f"the physical constants are those of '{taken.name}', which the data do not prefer:"
             f" {taken.reason}"
         )
-    return replace(physical, constants=constants), doubts
+    return replace(found, constants=constants), doubts
 
 
 def choose(
     candidates: Sequence[Candidate], measurements: Measurements, longest: float | None
 ) -> list[Candidate]:
-    """Return the candidates with AIC, BIC, faults, and the reasons against all but one; the longest
+    """Return the candidates with BIC, faults, and the reasons against all but one; the longest
     record lasts ``longest`` [s], None without records."""
-    rated = _rated(candidates, measurements)
-    troubles = [pole_trouble(c.function, longest) for c in rated]
-    checked = [
-        replace(c, fault=trouble or surplus_zero(c.function, c.covariance))
-        for c, trouble in zip(rated, troubles)
-    ]
+    checked = list[Candidate]()
+    for c in _rated(candidates, measurements):
+        trouble = pole_trouble(c.function, longest) or surplus_zero(c.function, c.covariance)
+        checked.append(replace(c, fault=trouble))
     sound = [c for c in checked if not c.fault]
     if not sound:
         raise UserError(
             f"no structure describes an actuator ({checked[0].fault}): check input, output and"
             " units of the record, or record longer"
         )
-    best = likely = min(sound, key=lambda c: c.bic)
-    hidden = {name: rms(e) for name, e in likely.held_out_errors.items() if len(e)}
-    noise, losses = hidden | likely.rms, dict[str, Array]()
+    likely = min(sound, key=lambda c: c.bic)
+    good = [c for c in sound if c.bic - likely.bic <= WORSE]
+    hidden = any(map(len, likely.held_out_errors.values()))
     if hidden:
-        for c in sound:
-            joined = np.concatenate([(c.held_out_errors[n] / noise[n]) ** 2 for n in hidden])
-            # Neighbours are not independent, so blocks of them are compared.
-            blocks = np.array_split(joined, min(20, len(joined)))
-            losses[c.name] = np.array([np.mean(block) for block in blocks])
-        best = min(sound, key=lambda c: float(np.mean(losses[c.name])))
-
-    def worse(c: Candidate) -> bool:
-        if not hidden:
-            return c.bic - best.bic > WORSE
-        loss = losses[c.name] - losses[best.name]
-        error = float(np.std(loss, ddof=1)) / np.sqrt(len(loss)) if len(loss) > 1 else 0.0
-        return c is not best and float(np.mean(loss)) > 2.0 * error
-
-    good = [c for c in sound if not worse(c)]
+        losses = {c.name: _losses(c, likely) for c in sound}
+        least = min(losses.values(), key=np.mean)
+        more = [losses[c.name] - least for c in sound]
+        errors = [np.std(loss) / np.sqrt(max(len(loss) - 1, 1)) for loss in more]
+        good = [c for c, loss, e in zip(sound, more, errors) if np.mean(loss) <= 2.0 * e]
     chosen = min(good, key=lambda c: (c.size, c.bic))
 
     def reason(c: Candidate) -> str:
@@ -320,20 +290,28 @@ def choose(
             return c.fault
         more = c.size - chosen.size
         if c in good or (more > 0 and not hidden):
-            count = "one coefficient" if more == 1 else f"{more} coefficients"
-            ending = f"with {count} more" if more else "which has as many coefficients"
+            ending = f"with {plural(more, 'coefficient')} more" if more else "of equal size"
             return f"no better than '{chosen.name}', {ending}"
         if hidden:
-            missed, least = _missed(c), _missed(chosen)
-            return f"misses {missed} of the held-out samples, '{chosen.name}' {least}"
+            ratio = np.sqrt(np.mean(losses[c.name]) / np.mean(losses[chosen.name]))
+            return f"its held-out error is {ratio:.3g} times that of '{chosen.name}'"
         return f"worse than '{chosen.name}': BIC higher by {c.bic - chosen.bic:.4g}"
 
     return [replace(c, reason=reason(c)) for c in checked]
 
 
+def _losses(c: Candidate, likely: Candidate) -> Array:
+    """Squares of the held-out errors over the noise of the likeliest candidate, as means of blocks:
+    neighbours are not independent."""
+    hidden = {name: e for name, e in c.held_out_errors.items() if len(e)}
+    noise = {name: likely.rms.get(name, rms(likely.held_out_errors[name])) for name in hidden}
+    joined = np.concatenate([(e / noise[name]) ** 2 for name, e in hidden.items()])
+    return np.array([np.mean(block) for block in np.array_split(joined, min(20, len(joined)))])
+
+
 def _rated(candidates: Sequence[Candidate], measurements: Measurements) -> list[Candidate]:
-    """Add AIC and BIC; correlated errors count as fewer independent ones, as correlated as those
-    of the candidate with the least."""
+    """Add the BIC; correlated errors count as fewer independent ones, as correlated as those of the
+    candidate with the least."""
     if not candidates:
         raise UserError("too few samples for any structure: record at least 16")
     names = [data.name for data in measurements if data.fitted.any()]
@@ -342,15 +320,7 @@ def _rated(candidates: Sequence[Candidate], measurements: Measurements) -> list[
     least = candidates[int(np.argmin(logarithms @ lengths))]
     counts = lengths / np.array([inflation(least.errors[name]) for name in names])
     price = float(np.log(np.sum(counts)))
-    return [
-        replace(c, aic=base + 2.0 * c.size, bic=base + price * c.size)
-        for c, base in zip(candidates, (logarithms @ counts).tolist())
-    ]
-
-
-def _missed(c: Candidate) -> str:
-    every = np.concatenate(list(c.held_out_errors.values()))
-    return f"{100.0 * (rms(every) if c.held_out is None else 1.0 - c.held_out):.3g} %"
+    return [replace(c, bic=b + price * c.size) for c, b in zip(candidates, logarithms @ counts)]
 
 
 def warnings(
@@ -367,13 +337,11 @@ def warnings(
     likely = min(candidates, key=lambda c: c.bic)
     if likely.fault and chosen.bic - likely.bic > WORSE:
         yield f"'{likely.name}' fits better than '{chosen.name}', but: {likely.fault}"
-    if chosen.independent is not None and chosen.independent < COLOURED:
+    if chosen.white is not None and chosen.white < COLOURED:
         yield (
-            f"the residuals of '{chosen.name}' still depend on the input: something is missing,"
-            " such as an effect that is not linear"
+            f"the residuals of '{chosen.name}' are not white: the standard errors account for it;"
+            " the noise is coloured, or something is missing, such as an effect that is not linear"
         )
-    elif chosen.white is not None and chosen.white < COLOURED:
-        yield f"the residuals of '{chosen.name}' are not white; the standard errors account for it"
 
 
 def pole_trouble(function: TransferFunction, longest: float | None) -> str:
@@ -394,31 +362,23 @@ def pole_trouble(function: TransferFunction, longest: float | None) -> str:
     return ""
 
 
-def surplus_zero(function: TransferFunction, covariance: Array | None) -> str:
-    """Return which zero is not determined, or cancels a pole, or "", also without a covariance.
+def surplus_zero(function: TransferFunction, covariance: Array) -> str:
+    """Return which zero is not determined, or cancels a pole, or "".
 
-    The distance of a pole and a zero is tested against its covariance (Soederstroem).
+    The distance of a pole and a zero is held against its standard error (Soederstroem).
     """
-    from scipy.special import chdtri
-
-    if covariance is None:
-        return ""
-    m = len(function.numerator)
+    m, poles = len(function.numerator), function.poles
     for zero in function.zeros:
         slope = np.zeros(len(covariance), dtype=complex)
         slope[:m] = _root_slopes(function.numerator, zero)
-        error = max(float(np.real(slope.conj() @ covariance @ slope)), 0.0) ** 0.5
+        error = np.sqrt(abs(slope.conj() @ covariance @ slope))
         # The zero of a differentiator is 0: then the slowest pole is the measure.
-        if error > 0.5 * max(abs(zero), float(np.min(np.abs(function.poles)))):
+        if error > 0.5 * max(abs(zero), np.min(np.abs(poles))):
             return f"the zero at {_shown(zero)} rad/s is not determined: standard error {error:.2g}"
-        for pole in function.poles:
-            slope[m : m + len(function.poles)] = -_root_slopes(function.denominator, pole)[1:]
-            count = 1 if zero.imag == pole.imag == 0.0 else 2
-            parts = np.array([slope.real, slope.imag])[:count]
-            distance = np.array([(zero - pole).real, (zero - pole).imag])[:count]
-            spread = np.linalg.pinv(parts @ covariance @ parts.T, hermitian=True)
+        for pole in poles:
+            slope[m : m + len(poles)] = -_root_slopes(function.denominator, pole)[1:]
             near = abs(zero - pole) < 0.01 * abs(pole)  # nothing of it would be seen
-            if near or float(distance @ spread @ distance) < chdtri(count, 0.05):
+            if near or abs(zero - pole) < 2.0 * np.sqrt(abs(slope.conj() @ covariance @ slope)):
                 return (
                     f"pole-zero cancellation: the zero at {_shown(zero)} rad/s and the pole at"
                     f" {_shown(pole)} rad/s are one within {'1 %' if near else 'their uncertainty'}"

@@ -15,6 +15,7 @@ import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,25 +24,6 @@ from servo_models.core.types import Array, Complex, Mask
 from servo_models.data.log import Log
 from servo_models.errors import UserError, did_you_mean
 from servo_models.identification.transfer.functions import TransferFunction
-
-
-def check_signals(log: Log, source: str, output: str) -> None:
-    """Raise UserError unless a log has this input and this output, begins at rest or settled, and
-    every sample is judged."""
-    place = f"log '{log.name}':"
-    for kind, name, known in (("input", source, log.inputs), ("output", output, log.outputs)):
-        if name not in known:
-            raise UserError(f"{place} the log has no {kind} '{name}'; {did_you_mean(name, known)}")
-    if log.start is not None:
-        raise UserError(
-            f'{place} a transfer function knows no \'start\' but "rest" or "settled": give one of'
-            " these, or cut the log where it rests with 'window'"
-        )
-    if log.skipped is not None and np.any(log.skipped):
-        raise UserError(
-            f"{place} a transfer function is fitted to every sample, 'judged' leaves some out:"
-            " remove it, or cut the log with 'window'"
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,15 +46,30 @@ class Record:
         a ``settle`` time, else in that of ``rest`` [SI].
 
         Raises:
-            UserError: see ``check_signals``; an input at rest.
+            UserError: a log without the signals, one that begins in motion, samples that are not
+                judged, or an input at rest.
         """
-        check_signals(log, source, output)
+        place = f"log '{log.name}':"
+        for kind, name, known in (("input", source, log.inputs), ("output", output, log.outputs)):
+            if name not in known:
+                cure = did_you_mean(name, known)
+                raise UserError(f"{place} the log has no {kind} '{name}'; {cure}")
+        if log.start is not None:
+            raise UserError(
+                f'{place} a transfer function knows no \'start\' but "rest" or "settled": give one'
+                " of these, or cut the log where it rests with 'window'"
+            )
+        if log.skipped is not None and np.any(log.skipped):
+            raise UserError(
+                f"{place} a transfer function is fitted to every sample, 'judged' leaves some out:"
+                " remove it, or cut the log with 'window'"
+            )
         u = log.inputs[source]
         given = u - (u[0] if log.settle > 0.0 else rest)
         if not np.any(given):
             raise UserError(
-                f"log '{log.name}': input '{source}' never leaves its rest: a transfer function"
-                " needs a record in which it moves"
+                f"{place} input '{source}' never leaves its rest: a transfer function needs a"
+                " record in which it moves"
             )
         return cls(log.name, log.times, given, log.outputs[output], log.held_out)
 
@@ -98,65 +95,51 @@ class Record:
         noise = float(np.median(np.abs(bends))) / (0.6745 * np.sqrt(6.0))
         return float(max(noise, 1e-4 * np.std(self.measured), 1e-300))
 
-    def errors(self, function: TransferFunction, delay: bool) -> tuple[Array, Array]:
-        """Measured minus modelled, shape (n,), and its derivatives, shape (n, size).
+    def errors(self, function: TransferFunction) -> tuple[Array, Array]:
+        """Measured minus modelled, shape (n,), and its derivatives, shape (n, coefficients).
 
-        Columns: numerator, denominator without its leading 1, and the delay if ``delay``.
+        Columns: numerator, denominator without its leading 1, and the delay, also where it is 0.
         """
         chain, scale, units = _chain(function)
         n, first = len(chain), len(chain) - len(function.numerator)
         b = np.append(np.zeros(first), np.array(function.numerator) / units[first:])
-        joint = np.zeros((2 * n, 2 * n))  # p^i / A u, then p^i B / A^2 u
-        joint[:n, :n] = joint[n:, n:] = chain
-        joint[n, :n] = b
-        states, u = self._driven(self.given, scale * joint, scale, function.delay)
+        joint = np.zeros((2 * n + 1, 2 * n + 1))  # p^i / A u, then p^i B / A^2 u, then u
+        joint[:n, :n] = joint[n:-1, n:-1] = chain
+        joint[n, :n], joint[0, -1] = b, 1.0
+        states, u = self._driven(scale * joint, function.delay)
         z, v = states[:, :n], states[:, n:]
-        columns = [z[:, first:] / units[first:], -v / units]
-        if delay:
-            rates = np.column_stack([u + z @ chain[0], z[:, :-1]]) @ b
-            columns.append((-scale * rates)[:, None])
-        return self._level(self.measured - z @ b), -self._level(np.column_stack(columns))
+        rates = scale * np.column_stack([u + z @ chain[0], z[:, :-1]]) @ b
+        columns = np.column_stack([z[:, first:] / units[first:], -v / units, -rates])
+        return self._level(self.measured - z @ b), -self._level(columns)
 
     def response(self, function: TransferFunction) -> Array:
         """Return the modelled output, at the measured mean offset, shape (n,)."""
-        error, _ = self.errors(function, False)
-        return np.asarray(self.measured - error)
+        return np.asarray(self.measured - self.errors(function)[0])
 
-    def gain(self, function: TransferFunction) -> float:
-        """Return the factor on a function that brings it nearest to what may be fitted."""
-        measured = self._level(self.measured)
-        model = (measured - self.errors(function, False)[0])[self.fitted]
-        return float(np.divide(model @ measured[self.fitted], model @ model))
+    def moved(self, function: TransferFunction) -> tuple[Array, Array]:
+        """Modelled and measured movement in the rows that a fit may see."""
+        model, measured = self._level(self.response(function)), self._level(self.measured)
+        return model[self.fitted], measured[self.fitted]
 
-    @cached_property
-    def _ticks(self) -> tuple[NDArray[np.int64], float]:
-        """Sampling instants in ticks, and a tick [s]; instants within one tick are one instant."""
-        tick = 1e-9 * self.step
-        return np.rint((self.times - self.times[0]) / tick).astype(np.int64), tick
-
-    def _driven(
-        self, held: Array, matrix: Array, drive: float, delay: float = 0.0
-    ) -> tuple[Array, Array]:
-        """Return states of x' = matrix x + (drive u, 0, ...) from x = 0, shape (samples, n), and u
-        as it acts from each sample on: ``held`` between samples, and ``delay`` [s] later.
+    def _driven(self, matrix: Array, delay: float) -> tuple[Array, Array]:
+        """Return states of x' = matrix (x, u) from x = 0, shape (samples, n), and u as it acts from
+        each sample on: held between samples, and ``delay`` [s] later.
 
         Not finite where an unstable system leaves the floats.
         """
         from scipy.linalg import expm
 
-        samples, tick = self._ticks
-        changes = np.flatnonzero(np.diff(held, prepend=0.0))
+        tick = 1e-9 * self.step  # instants within one tick are one instant
+        samples = np.rint((self.times - self.times[0]) / tick).astype(np.int64)
+        changes = np.flatnonzero(np.diff(self.given, prepend=0.0))
         edges = samples[changes] + int(np.rint(delay / tick))
         instants = np.union1d(samples, edges[(edges > 0) & (edges < samples[-1])])
-        levels = np.append(0.0, held[changes])
+        levels = np.append(0.0, self.given[changes])
         acting = levels[np.searchsorted(edges, instants, "right")]
         spans, which = np.unique(np.diff(instants), return_inverse=True)
-        n = len(matrix)
-        joint = np.zeros((n + 1, n + 1))
-        joint[:n, :n], joint[0, n] = matrix, drive
         with np.errstate(all="ignore"):
-            maps = expm(joint * (tick * spans)[:, None, None])
-        states = _compiled()(np.ascontiguousarray(maps[:, :n]), which, acting)
+            maps = expm(matrix * (tick * spans)[:, None, None])
+        states = _compiled()(np.ascontiguousarray(maps[:, :-1]), which, acting)
         rows = np.searchsorted(instants, samples)
         return states[rows], acting[rows]
 
@@ -184,10 +167,9 @@ def _recursion(maps: Array, which: NDArray[np.int64], acting: Array) -> Array:
     states = np.zeros((len(which) + 1, n))
     for k in range(len(which)):
         for i in range(n):
-            total = maps[which[k], i, n] * acting[k]
+            states[k + 1, i] = maps[which[k], i, n] * acting[k]
             for j in range(n):
-                total += maps[which[k], i, j] * states[k, j]
-            states[k + 1, i] = total
+                states[k + 1, i] += maps[which[k], i, j] * states[k, j]
     return states
 
 
@@ -202,19 +184,16 @@ def _compiled() -> Callable[..., Array]:
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """A frequency response in points, shape (n,).
-
-    Frequencies in rad/s; complex gain in SI, lag is negative phase; ``spread`` is the relative
-    standard error of each point, up to a common factor.  No fit may see what is held out.
-    """
+    """A frequency response in points, shape (n,): frequencies [rad/s], and complex gain in SI with
+    lags as negative phase.  No fit may see what is held out."""
 
     name: str
     source: str
     output: str
     frequencies: Array
-    response: Complex
-    spread: Array
+    measured: Complex
     held_out: Mask
+    noise_guess: ClassVar[float] = 0.02
 
     @property
     def band(self) -> tuple[float, float]:
@@ -224,38 +203,25 @@ class Sweep:
     def fitted(self) -> Mask:
         return np.tile(~self.held_out, 2)
 
-    @cached_property
-    def noise_guess(self) -> float:
-        return 0.02 / float(np.median(self.spread))
+    def response(self, function: TransferFunction) -> Complex:
+        return function.response(self.frequencies)
 
-    def errors(self, function: TransferFunction, delay: bool) -> tuple[Array, Array]:
-        """Logarithm of gain [1] first, then phase [rad], each over the point's spread.
+    def errors(self, function: TransferFunction) -> tuple[Array, Array]:
+        """Logarithm of gain [1] first, then phase [rad], measured over modelled.
 
-        Shapes (2 n,) and (2 n, size), see ``Record.errors``.  Phases are continuous over the
-        points, so that a delay that is far off still has a slope.
+        Shapes (2 n,) and (2 n, coefficients), see ``Record.errors``.  Phases of the derivatives
+        are continuous over the points, so that a delay that is far off still has a slope.
         """
-        s, lower, powers = self._powers(function)
-        upper = np.polyval(function.numerator, s)
-        model = upper / lower * np.exp(-s * function.delay)
-        columns = [powers[:, -len(function.numerator) :] / upper[:, None], -powers / lower[:, None]]
-        slopes = np.column_stack([*columns, *[-s] * delay])
-        return self._rows(np.log(self.response / model)), -self._rows(slopes)
+        s = 1j * self.frequencies[:, None]
+        powers = s ** np.arange(len(function.denominator) - 1)[::-1]
+        upper, lower = (np.polyval(c, s) for c in (function.numerator, function.denominator))
+        slopes = np.hstack([powers[:, -len(function.numerator) :] / upper, -powers / lower, -s])
+        errors = np.log(self.measured / self.response(function))
+        return np.concatenate([errors.real, errors.imag]), -np.vstack([slopes.real, slopes.imag])
 
-    def gain(self, function: TransferFunction) -> float:
-        """See ``Record.gain``."""
-        ratio = (self.response / function.response(self.frequencies))[~self.held_out]
-        size = float(np.exp(np.mean(np.log(np.abs(ratio)))))
-        return float(np.copysign(size, np.sum(np.cos(np.angle(ratio)))))
-
-    def _powers(self, function: TransferFunction) -> tuple[Complex, Complex, Complex]:
-        """s, the denominator there, and the powers of s below its highest, that one first."""
-        s = np.asarray(1j * self.frequencies, dtype=complex)
-        powers = s[:, None] ** np.arange(len(function.denominator) - 1)[::-1]
-        return s, np.polyval(function.denominator, s), np.asarray(powers, dtype=complex)
-
-    def _rows(self, values: Complex) -> Array:
-        weighted = (values.T / self.spread).T
-        return np.concatenate([weighted.real, weighted.imag])
+    def moved(self, function: TransferFunction) -> tuple[Complex, Complex]:
+        """See ``Record.moved``."""
+        return self.response(function)[~self.held_out], self.measured[~self.held_out]
 
 
 Measurement = Record | Sweep  # one record or one frequency response

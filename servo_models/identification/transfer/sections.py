@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from servo_models.analysis.experiment import display
 from servo_models.analysis.sine_test import hold
-from servo_models.core.types import Array, Complex
 from servo_models.identification.doubts import judged
 from servo_models.identification.grey_box import Constant
+from servo_models.identification.measured_response import Empirical, empirical
 from servo_models.identification.measured_response import Record as Spectra
-from servo_models.identification.measured_response import empirical
-from servo_models.identification.readings import words
+from servo_models.identification.readings import axis_label, words
+from servo_models.identification.sections import Pair, bode
 from servo_models.identification.transfer.functions import TransferFunction
 from servo_models.identification.transfer.identify import COLOURED, Candidate, TransferResult
 from servo_models.identification.transfer.measurements import Record, Sweep
@@ -22,8 +23,6 @@ from servo_models.report.curves import JUDGED, MEASURED, draw_curve, draw_legend
 from servo_models.report.numbers import ERROR, Quantity
 from servo_models.report.result import Report, document_of, report_of
 from servo_models.report.sections import Card, Cell, Mark, Picture, Section, Table
-from servo_models.report.style import colour
-from servo_models.units import factor
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -42,8 +41,8 @@ def _document(result: TransferResult) -> dict[str, Any]:
             "numerator": list(c.function.numerator),
             "denominator": list(c.function.denominator),
             "delay": c.function.delay,
-            "standard_errors": None if c.standard_errors is None else c.standard_errors.tolist(),
-            **{key: getattr(c, key) for key in ("fit", "held_out", "aic", "bic", "reason")},
+            "standard_errors": c.standard_errors.tolist(),
+            **{key: getattr(c, key) for key in ("fit", "held_out", "bic", "reason")},
         }
         for c in result.candidates
     ]
@@ -55,7 +54,6 @@ def _document(result: TransferResult) -> dict[str, Any]:
         "candidates": candidates,
         "constants": {name: list(pair) for name, pair in constants.items()},
         "warnings": list(result.warnings),
-        "interrupted": result.interrupted,
     }
 
 
@@ -64,8 +62,6 @@ def _report(result: TransferResult, date: str = "") -> Report:
     """Return the chosen function, its coefficients, all candidates and physical constants."""
     source, output, chosen = result.source, result.output, result.chosen
     constants = list(result.constants.constants.values()) if result.constants else []
-    text = "Where a record excites it, its spectrum stands beside the function."
-    bode = Picture(BODE, partial(_bode, result), text, rows=2, height=5.0, shared=True)
     records = [data for data in result.measurements if isinstance(data, Record)]
     shares = [("fitted", chosen.fit), ("held-out", chosen.held_out)]
     described = [f"{_share(s)} of the {name} samples" for name, s in shares if s is not None]
@@ -85,7 +81,7 @@ def _report(result: TransferResult, date: str = "") -> Report:
     tables = {
         "Coefficients": _coefficients(chosen),
         "Poles and zeros": _roots(chosen.function),
-        CONSTANTS: _constants(constants),
+        CONSTANTS: _estimates("constant, SI", constants),
         CANDIDATES: _candidates(result, [record.name for record in records]),
     }
     report = Report(
@@ -95,7 +91,7 @@ def _report(result: TransferResult, date: str = "") -> Report:
         cards=tuple(cards),
         remarks=tuple(f"Warning: {warning}." for warning in result.warnings),
         sections=(
-            Section(BODE, pictures=(bode,)),
+            Section(BODE, pictures=(_bode(result, records),)),
             *(Section(title, tables=(table,), folded=True) for title, table in tables.items()),
             Section("Responses", pictures=tuple(_picture(result, r) for r in records), folded=True),
         ),
@@ -105,17 +101,22 @@ def _report(result: TransferResult, date: str = "") -> Report:
 
 
 def _coefficients(chosen: Candidate) -> Table:
-    """Nothing for a function that was given."""
-    structure, errors = chosen.function.structure, chosen.standard_errors
+    structure = chosen.function.structure
     powers = ["1", "s", *(f"s^{k}" for k in range(2, structure.poles))]
     names = [f"numerator, {power}" for power in powers[structure.zeros :: -1]]
     names += [f"denominator, {power}" for power in powers[structure.poles - 1 :: -1]]
-    pairs = zip(chosen.function.coefficients.tolist(), [] if errors is None else errors.tolist())
-    rows = tuple(
-        (name, Quantity(value, error=error), f"{100.0 * error / abs(value):.2g} %")
-        for name, (value, error) in zip([*names, "delay [s]"], pairs)
-    )
-    return Table("", ("coefficient", f"value {ERROR} error", "error"), rows)
+    columns = [*names, "delay [s]"], chosen.function.coefficients, chosen.standard_errors
+    return _estimates("coefficient", [Constant(n, float(v), float(e)) for n, v, e in zip(*columns)])
+
+
+def _estimates(of: str, constants: Sequence[Constant]) -> Table:
+    rows = []
+    for c in constants:
+        half = 1.96 * (c.standard_error or 0.0)
+        limits = (c.value - half, c.value + half) if half else None
+        shown = Quantity(c.value, error=c.standard_error, interval=limits, digits=5)
+        rows.append((c.name, shown, "" if c.determined else Mark("not determined", False)))
+    return Table("", (of, f"value {ERROR} error (95 % interval)", ""), tuple(rows))
 
 
 def _roots(function: TransferFunction) -> Table:
@@ -129,22 +130,10 @@ def _roots(function: TransferFunction) -> Table:
     return Table("", ("", "[rad/s]", "frequency", "damping ratio"), tuple(rows))
 
 
-def _constants(constants: Sequence[Constant]) -> Table:
-    rows = []
-    for c in constants:
-        half = 1.96 * (c.standard_error or 0.0)
-        limits = (c.value - half, c.value + half) if half else None
-        shown = Quantity(c.value, error=c.standard_error, interval=limits, digits=5)
-        rows.append((c.name, shown, "" if c.determined else Mark("not determined", False)))
-    return Table("", ("constant, SI", f"value {ERROR} error (95 % interval)", ""), tuple(rows))
-
-
 def _candidates(result: TransferResult, records: Sequence[str]) -> Table:
-    candidates, unit = result.candidates, result.output.display or result.output.unit
-    scale = factor(result.output.unit, unit)
-    aic, bic = min(c.aic for c in candidates), min(c.bic for c in candidates)
+    candidates, (scale, unit) = result.candidates, display(result.output)
+    least, rows = min(c.bic for c in candidates), list[tuple[Cell, ...]]()
     hidden = any(c.held_out is not None for c in candidates)
-    rows: list[tuple[Cell, ...]] = []
     for c in candidates:
         rms = [scale * c.rms[name] for name in records if name in c.rms]
         row = (
@@ -152,16 +141,13 @@ def _candidates(result: TransferResult, records: Sequence[str]) -> Table:
             _share(c.fit),
             Quantity(float(np.sqrt(np.mean(np.square(rms)))), unit) if rms else None,
             *[_share(c.held_out)] * hidden,
-            Quantity(c.aic - aic),
-            Quantity(c.bic - bic),
+            Quantity(c.bic - least),
             _passed(c.white),
-            _passed(c.independent),
             Mark(f"rejected: {c.reason}", None) if c.reason else Mark("chosen", True),
         )
         rows.append(row)
-    judgements = ("AIC above least", "BIC above least", "white", "free of input", "verdict")
-    columns = ("structure", "fit", "RMS", *["held out"] * hidden, *judgements)
-    return Table("", columns, tuple(rows))
+    judgements = (*["held out"] * hidden, "BIC above least", "white", "verdict")
+    return Table("", ("structure", "fit", "RMS", *judgements), tuple(rows))
 
 
 def _share(part: float | None) -> Quantity | None:
@@ -174,67 +160,47 @@ def _passed(chance: float | None) -> str:
     return "yes" if chance >= COLOURED else "no"
 
 
-def _bode(result: TransferResult, axes: Sequence[Axes]) -> None:
-    """Draw gain and phase of the chosen function, of the sweeps and of the records' spectra."""
-    from matplotlib.ticker import LogFormatter, MultipleLocator
-
-    (gain, phase), function = axes, result.chosen.function
-    sweeps = [(e.frequencies, e.response) for e in result.measurements if isinstance(e, Sweep)]
-    records = [r for r in result.measurements if isinstance(r, Record)]
-    known = [Spectra(r.times, r.given, r.measured, r.response(function)) for r in records]
-    step = max((r.step for r in records), default=0.0)
-    spectra = []
-    if known and (seen := empirical(known, step)):
-        rates = 2.0 * np.pi * seen.hertz
-        spectra = [(rates, seen.measured / hold(rates, step))]  # without the hold of the inputs
-    every = np.concatenate([w for w, _ in [*sweeps, *spectra]] or [np.abs(function.poles)])
-    low, high = np.log10(every.min() / 1.5), np.log10(every.max() * 1.5)  # beyond the data
-    w = np.concatenate([np.logspace(low - 4.0, low, 400), np.logspace(low, high, 500)])
-    turned = np.unwrap(np.angle(function.response(w)))  # from where it has not turned yet
-    unit_in, unit_out = (wire.display or wire.unit for wire in (result.source, result.output))
-    scale = factor(result.output.unit, unit_out) / factor(result.source.unit, unit_in)
-
-    def draw(label: str, w: Array, values: Complex, phases: Array, **look: Any) -> None:
-        hertz = w / (2.0 * np.pi)
-        gain.plot(hertz, 20.0 * np.log10(np.abs(scale * values)), label=label, **look)
-        phase.plot(hertz, np.degrees(phases), **look)
-
-    for label, pairs, series, marker in (
-        ("records", spectra, "orange", "."),
-        ("sweep", sweeps, "green", "o"),
-    ):
-        if pairs:
-            points, values = map(np.concatenate, zip(*pairs))
-            off = np.angle(values / function.response(points))
-            near = np.interp(np.log(points), np.log(w), turned) + off
-            look = {"ls": "", "marker": marker, "color": colour(series), "mfc": "none"}
-            draw(label, points, values, near, **look)
-    draw("chosen", w[400:], function.response(w[400:]), turned[400:], color=colour("blue"))
-    gain.set(xscale="log", ylabel=f"gain [dB re 1 {unit_out}/{unit_in}]")
-    phase.set(ylabel="phase [deg]", xlabel="frequency [Hz]")
-    phase.yaxis.set_major_locator(MultipleLocator(90.0))
-    phase.xaxis.set_major_formatter(LogFormatter())
-    gain.legend(frameon=False, fontsize=8.5)
+def _bode(result: TransferResult, records: Sequence[Record]) -> Picture:
+    """The chosen function, sweeps, and spectra of records without the hold of their inputs."""
+    function = result.chosen.function
+    spectra = [Spectra(r.times, r.given, r.measured, r.response(function)) for r in records]
+    pair = Pair(result.source, result.output, tuple(spectra))
+    seen = [
+        (sweep.frequencies / (2.0 * np.pi), sweep.measured, sweep.response(function))
+        for sweep in result.measurements
+        if isinstance(sweep, Sweep)
+    ]
+    if spectra and (found := empirical(spectra, pair.step)):
+        held = hold(2.0 * np.pi * found.hertz, pair.step)
+        seen.append((found.hertz, found.measured / held, found.simulated / held))
+    points = Empirical(*map(np.concatenate, zip(*seen))) if seen else None
+    ends = points.hertz if points else np.abs(function.poles) / (2.0 * np.pi)
+    hertz = np.geomspace(ends.min() / 1.5, ends.max() * 1.5, 500)
+    picture = bode(pair, points, (hertz, function.response(2.0 * np.pi * hertz)))
+    text = (
+        "Line: the chosen function. Circles: sweeps, and spectra of records where they excite it."
+        " Dots: the same of the function's responses."
+    )
+    return replace(picture, title=BODE, text=text)
 
 
 def _picture(result: TransferResult, record: Record) -> Picture:
     """A record with the response of the chosen function, and the error."""
-    wire, unit = result.output, result.output.display or result.output.unit
-    scale = factor(wire.unit, unit)
+    scale, unit = display(result.output)
 
     def draw(axes: Sequence[Axes]) -> None:
-        curves, error = axes
-        modelled = record.response(result.chosen.function)
-        draw_curve(curves, record.times, scale * record.measured, "measured", MEASURED)
-        draw_curve(curves, record.times, scale * modelled, "chosen", JUDGED)
-        draw_curve(error, record.times, scale * (modelled - record.measured), "chosen", JUDGED)
-        error.axhline(0.0, color=colour("muted"), lw=0.8)
-        for panel in axes:
+        measured, modelled = (
+            scale * record.measured,
+            scale * record.response(result.chosen.function),
+        )
+        draw_curve(axes[0], record.times, measured, "measured", MEASURED)
+        for panel, values in zip(axes, (modelled, modelled - measured)):
+            draw_curve(panel, record.times, values, "chosen", JUDGED)
             shade(panel, record.times, record.held_out)
-        draw_legend(curves, 2)
-        curves.set_ylabel(f"{words(wire.name)} [{unit}]", parse_math=False)
-        error.set_ylabel(f"error [{unit}]", parse_math=False)
-        error.set_xlabel("time [s]")
+        draw_legend(axes[0], 2)
+        for panel, name in zip(axes, (words(result.output.name), "error")):
+            panel.set_ylabel(axis_label(name, unit), parse_math=False)
+        axes[1].set_xlabel("time [s]")
 
     title = f"'{record.name}': measured, and as '{result.chosen.name}' has it"
     shaded = "; shaded: held out" * bool(record.held_out.any())
