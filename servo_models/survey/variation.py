@@ -121,10 +121,10 @@ def split(units: Sequence[str], values: Array, errors: Array) -> Split | None:
     Source: Pinheiro, Bates, Mixed-Effects Models in S and S-PLUS (2000), sec. 2.2: with one random
     effect the likelihood depends on one ratio alone.
     """
-    told = errors <= VAGUE_ERRORS * np.median(errors)
-    values, errors = values[told], errors[told]
+    clear = errors <= VAGUE_ERRORS * np.median(errors)
+    values, errors = values[clear], errors[clear]
     names, group, counts = np.unique(
-        np.asarray(units)[told], return_inverse=True, return_counts=True
+        np.asarray(units)[clear], return_inverse=True, return_counts=True
     )
     if not 1 < len(names) < len(values):
         return None
