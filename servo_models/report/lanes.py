@@ -13,7 +13,7 @@ from itertools import pairwise
 
 LANE = 7.0  # distance between parallel wires [pt]
 HEAD = 10.0  # length of a wire above a box, for the head of its arrow [pt]
-RIGHT, LEFT = 1, -1
+RIGHT, NEAR, LEFT = 1, 0, -1  # NEAR: straight down from above, then to a column of the box
 
 Point = tuple[float, float]
 Way = tuple[int, int]  # a wire, by its number, and the side on which it has a lane
@@ -81,40 +81,45 @@ def arrange(sizes: Sequence[Point], nets: Sequence[Net]) -> tuple[list[Point], l
     plan = _Plan(sizes, nets)
     height = plan.stack()
     routes = [plan.route(k) for k in range(len(nets))]
-    return list(zip(plan.xs, plan.tops)), routes, (plan.width, height)
+    return [(plan.middle, top) for top in plan.tops], routes, (plan.width, height)
 
 
 class _Plan:
     """Where boxes stand and wires run; ``row`` is the place of a box from above, ``ways`` are the
-    boxes that a wire reaches by its lane on a side."""
+    boxes that a wire reaches on a side."""
 
     def __init__(self, sizes: Sequence[Point], nets: Sequence[Net]) -> None:
         self.sizes, self.nets = sizes, nets
         self.order = _order(len(sizes), nets)
         self.row = row = {box: k for k, box in enumerate(self.order)}
-        middles, self.straight = _straight(sizes, nets, row)
+        self.straight: set[tuple[int, int]] = set()  # wires with the boxes right below
         self.ways: dict[Way, list[tuple[int, float | None]]] = defaultdict(list)
         for k, net in enumerate(nets):
             for box, at in net.sinks:
-                if (k, box) not in self.straight:
-                    self.ways[k, RIGHT if row[box] > row[net.source] else LEFT].append((box, at))
+                is_next = row[box] == row[net.source] + 1
+                if is_next and at is None and abs(net.at[0]) < sizes[box][0] / 2 - LANE / 2:
+                    self.straight.add((k, box))
+                    continue
+                side = RIGHT if row[box] > row[net.source] else LEFT
+                self.ways[k, NEAR if is_next and at is not None else side].append((box, at))
         spans = {  # a wire leaves below its box
             way: [row[nets[way[0]].source] + 0.5, *(row[box] for box, _ in sinks)]
             for way, sinks in self.ways.items()
+            if way[1] != NEAR
         }
         self.lanes = _lanes({way: (min(rows), max(rows)) for way, rows in spans.items()})
-        edges = {
-            side: max(side * x + width / 2 for x, (width, _) in zip(middles, sizes))
-            for side in (LEFT, RIGHT)
-        }
-        out = {way: edges[way[1]] + LANE * (1 + n) for way, n in self.lanes.items()}
+        half = max(width for width, _ in sizes) / 2
         left, right = (
-            max([edges[side], *(far for way, far in out.items() if way[1] == side)])
+            half + LANE * max((1 + n for way, n in self.lanes.items() if way[1] == side), default=0)
             for side in (LEFT, RIGHT)
         )
-        self.width = left + right
-        self.xs = [left + x for x in middles]
-        self.lane_x = {way: left + way[1] * far for way, far in out.items()}
+        self.middle, self.width = left, left + right
+        self.lane_x = {
+            way: left + way[1] * (half + LANE * (1 + self.lanes[way]))
+            if way[1] != NEAR
+            else left + nets[way[0]].at[0]
+            for way in self.ways
+        }
         self.tops = [0.0 for _ in sizes]
         self.leave: dict[int, float] = {}  # y at which a wire turns to its lanes,
         self.enter: dict[tuple[Way, int], float] = {}  # and at which it comes from one to a box
@@ -124,7 +129,8 @@ class _Plan:
         y = -HEAD
         for box in self.order:
             coming = [(way, at) for way, to in self.ways.items() for it, at in to if it == box]
-            above = [way for way, at in coming if at is not None]
+            above = sorted(way for way, at in coming if at is not None)
+            above.sort(key=lambda way: way[1] != NEAR)  # from a box right above it, first
             beside = [way for way, at in coming if at is None]
             for way in above:
                 y += LANE
@@ -149,7 +155,7 @@ class _Plan:
     def route(self, k: int) -> Route:
         """How a wire runs."""
         net, ways = self.nets[k], [way for way in self.ways if way[0] == k]
-        x, bottom = self.xs[net.source] + net.at[0], self.tops[net.source] + net.at[1]
+        x, bottom = self.middle + net.at[0], self.tops[net.source] + net.at[1]
         route = Route(any(self.row[box] <= self.row[net.source] for box, _ in net.sinks))
         below = [box for box, _ in net.sinks if (k, box) in self.straight]
         for box in below:
@@ -158,15 +164,15 @@ class _Plan:
             route.dots.append((x, self.leave[k]))
         for way in ways:
             lane, ends = self.lane_x[way], [self.enter[way, box] for box, _ in self.ways[way]]
-            far = max(ends) if way[1] == RIGHT else min(ends)
+            far = min(ends) if way[1] == LEFT else max(ends)
             route.run((x, bottom), (x, self.leave[k]), (lane, self.leave[k]), (lane, far))
             route.dots += [(lane, end) for end in ends if end != far]
             for (box, at), end in zip(self.ways[way], ends):
                 if at is None:
-                    edge = self.xs[box] + way[1] * self.sizes[box][0] / 2
+                    edge = self.middle + way[1] * self.sizes[box][0] / 2
                     route.enter((lane, end), (edge, end))
                 else:
-                    column = self.xs[box] + at
+                    column = self.middle + at
                     route.run((lane, end), (column, end))
                     route.enter((column, end), (column, self.tops[box]))
         return route
@@ -180,31 +186,6 @@ def _order(count: int, nets: Sequence[Net]) -> list[int]:
         place[net.source] = min(place[net.source], first)
     place |= {box: float(box) for net in nets for box, _ in net.sinks}
     return sorted(place, key=place.__getitem__)
-
-
-def _straight(
-    sizes: Sequence[Point], nets: Sequence[Net], row: Mapping[int, int]
-) -> tuple[list[float], set[tuple[int, int]]]:
-    """The middle of each box, and the wires with the boxes to which they run straight down.
-
-    A box is moved so that a wire runs straight to where it has to enter.
-    """
-    middles = [0.0 for _ in sizes]
-    straight: set[tuple[int, int]] = set()
-    taken: set[int] = set()
-    for k in sorted(range(len(nets)), key=lambda it: row[nets[it].source]):
-        net = nets[k]
-        for box, at in net.sinks:
-            x = middles[net.source] + net.at[0]
-            if row[box] != row[net.source] + 1 or (at is not None and box in taken):
-                continue
-            if at is not None:
-                middles[box] = x - at
-                taken.add(box)
-            elif abs(x) > sizes[box][0] / 2 - LANE / 2:
-                continue
-            straight.add((k, box))
-    return middles, straight
 
 
 def _lanes(spans: Mapping[Way, Point]) -> dict[Way, int]:
