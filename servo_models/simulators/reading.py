@@ -7,7 +7,6 @@ import math
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from typing import NoReturn
-from xml.parsers import expat
 
 from servo_models.errors import UserError, did_you_mean
 
@@ -22,22 +21,19 @@ LARGEST = 1e30  # largest number read from a file; a larger one, infinity or NaN
 Values = dict[str, tuple[float, str]]  # values [SI], each with where it comes from
 
 
-def parsed(content: bytes) -> ET.Element:
-    """Return the root of a foreign XML document; without entities it cannot grow."""
-    parser, builder = expat.ParserCreate(), ET.TreeBuilder()
+class _Plain(ET.TreeBuilder):
+    """A document without entities, which cannot grow."""
 
-    def refuse(*_: object) -> NoReturn:
+    def doctype(self, *_: object) -> NoReturn:
         raise UserError("it declares a document type or entities: leave them out")
 
-    parser.StartDoctypeDeclHandler = parser.EntityDeclHandler = refuse
-    parser.StartElementHandler = builder.start
-    parser.EndElementHandler = builder.end
-    parser.CharacterDataHandler = builder.data
+
+def parsed(content: bytes) -> ET.Element:
+    """Return the root of a foreign XML document."""
     try:
-        parser.Parse(content, True)
-    except (expat.ExpatError, ValueError, LookupError) as error:
+        return ET.fromstring(content, ET.XMLParser(target=_Plain()))
+    except (ET.ParseError, ValueError, LookupError) as error:
         raise UserError(f"no XML: {error}") from error
-    return builder.close()
 
 
 def servo(
