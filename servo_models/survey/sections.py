@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from servo_models.diagnosis.verdict import NO_GAP, NOT_IDENTIFIABLE, OUTSIDE, PARAMETERS
+from servo_models.errors import UserError
 from servo_models.identification.doubts import is_stated
 from servo_models.report.curves import DASHED, draw_label
 from servo_models.report.document import Document
@@ -17,7 +18,7 @@ from servo_models.report.numbers import Quantity, listed, number, percent, plura
 from servo_models.report.result import Report, document_of, report_of
 from servo_models.report.sections import Card, Cell, Mark, Picture, Section, Table
 from servo_models.report.style import colour
-from servo_models.survey.belonging import MODEL, SINGLE, UNIT, Belonging
+from servo_models.survey.belonging import MODEL, SINGLE, UNIT, Belonging, Place
 from servo_models.survey.job import FAILED, Estimate, Outcome
 from servo_models.survey.result import (
     BETTER,
@@ -30,6 +31,7 @@ from servo_models.survey.result import (
     told_arrays,
     values_of,
 )
+from servo_models.survey.variation import Split
 from servo_models.units import factor
 
 if TYPE_CHECKING:
@@ -255,7 +257,12 @@ def _changes(survey: Survey) -> Section:
 def _values(survey: Survey) -> Section:
     chosen = survey.variations[:MOST_SPLITS]
     far = [it for it in survey.variations if it.outliers]
-    splits, rows = survey.splits, []
+    splits: dict[Place, Split | None] = {}
+    missing, rows = [], []
+    try:
+        splits = survey.splits
+    except UserError as error:
+        missing = [str(error)]
     headings = SHARES if any(splits.values()) else ()
     several = any(it.common.count > 1 for it in chosen)
     for it in chosen:
@@ -278,7 +285,7 @@ def _values(survey: Survey) -> Section:
     return Section(
         "Parameters",
         f"{MEANS * several}{SPLIT * bool(headings)}{most}",
-        (*map(_outliers, far[:MOST_ITEMS]), *_more(far, MOST_ITEMS)),
+        (*missing, *map(_outliers, far[:MOST_ITEMS]), *_more(far, MOST_ITEMS)),
         tables=(Table("", columns, tuple(rows)),),
         pictures=tuple(_picture(survey, it) for it in chosen[:MOST_PICTURES]),
     )

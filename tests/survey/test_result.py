@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 
 import msgspec
@@ -248,6 +249,14 @@ def test_one_reason_is_one_row() -> None:
     ((why, names), other) = grouped([*reasons, ("the disk is full", "unit x")])
     assert (why, len(names)) == (text.format(0), 10_000)
     assert other == ("the disk is full", ["unit x"])
+
+
+def test_a_page_without_the_mixed_model_says_what_to_install(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setitem(sys.modules, "statsmodels", None)
+    monkeypatch.setitem(sys.modules, "statsmodels.regression.mixed_linear_model", None)
+    assert "pip install 'servo-models[survey]'" in str(survey(*fleet(3, 1)))
 
 
 def test_a_unit_that_stands_out_is_told() -> None:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from servo_models.survey.variation import outlying, pooled, split, told
+from servo_models.errors import UserError
+from servo_models.survey.variation import MOST_UNITS, outlying, pooled, split, told
 from tests.support.made_outcomes import estimate
 
 FIGURES = st.floats(-5.0, 5.0)
@@ -112,26 +115,19 @@ def test_nothing_is_split_where_unit_and_episode_are_one(names: list[str]) -> No
     assert split(names, np.array([1.0, 2.0, 4.0]), np.ones(3)) is None
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_the_split_of_any_survey_is_the_most_likely_one(seed: int) -> None:
-    """By restricted likelihood with whole covariances, whatever the number of episodes is."""
-    random = np.random.default_rng(seed)
-    counts = random.integers(1, 7, 12)
-    units = np.repeat(np.arange(12), counts)
-    values = random.choice([0.2, 3.0]) * random.normal(size=12)[units]
-    values += random.normal(size=len(units))
-
-    def likelihood(between: float, within: float) -> float:
-        covariance = between * (units[:, None] == units) + within * np.eye(len(units))
-        inverse = np.linalg.inv(covariance)
-        left = values - inverse.sum(axis=0) @ values / inverse.sum()
-        return -float(
-            np.linalg.slogdet(covariance)[1] + np.log(inverse.sum()) + left @ inverse @ left
-        )
-
-    found = split([f"u{unit:02}" for unit in units], values, np.full(len(units), 0.5))
+def test_many_units_are_picked_evenly() -> None:
+    n = 4 * MOST_UNITS
+    names = [f"u{k:04}" for k in range(n) for _ in range(2)]
+    values = np.repeat(np.arange(n) % 2, 2) + np.tile([0.0, 0.1], n)
+    found = split(names, values, np.full(2 * n, 0.01))
     assert found is not None
-    most, within = likelihood(found.unit, found.episode + found.rest), found.episode + found.rest
-    for step in (-0.02, 0.02):
-        assert likelihood(found.unit, within * (1.0 + step)) < most
-        assert likelihood(max(found.unit + step * within, 0.0), within) < most + 1e-6
+    assert found.unit == pytest.approx(0.25, rel=0.1)
+
+
+def test_without_its_library_the_split_says_what_to_install(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setitem(sys.modules, "statsmodels", None)
+    monkeypatch.setitem(sys.modules, "statsmodels.regression.mixed_linear_model", None)
+    with pytest.raises(UserError, match=r"servo-models\[survey\]"):
+        split(["a"], np.ones(1), np.ones(1))
