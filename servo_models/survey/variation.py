@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 from scipy.stats import t as student_t
 
 from servo_models.core.types import Array
-from servo_models.data.readers.columns import extra
+from servo_models.errors import extra
 from servo_models.report.document import Document, Magnitude
 from servo_models.survey.job import Estimate
 
@@ -122,7 +122,12 @@ def split(units: Sequence[str], values: Array, errors: Array) -> Split | None:
 
     Source: Pinheiro, Bates, Mixed-Effects Models in S and S-PLUS (2000), sec. 2.2.
     """
-from servo_models.errors import extra
+    mixed = extra("survey", "statsmodels.regression.mixed_linear_model")
+    names, group = np.unique(units, return_inverse=True)
+    picked = np.linspace(0, len(names) - 1, MOST_UNITS).round()
+    chosen = np.isin(group, picked) & (errors <= VAGUE_ERRORS * np.median(errors))
+    values, errors = values[chosen], errors[chosen]
+    names, group = np.unique(group[chosen], return_inverse=True)
     if not 1 < len(names) < len(values):
         return None
     scale = float(np.std(values)) or 1.0
