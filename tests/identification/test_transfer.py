@@ -26,7 +26,6 @@ from servo_models.identification.transfer.identify import (
     choose,
     identify_transfer,
     pole_trouble,
-    surplus_zero,
 )
 from servo_models.identification.transfer.measurements import Record, Sweep
 from servo_models.identification.transfer.sweeps import read_sweeps
@@ -327,23 +326,6 @@ def test_poles_are_judged_by_damping_and_by_the_length_of_the_record() -> None:
     assert "settle in 200 s, the longest record lasts 30 s" in pole_trouble(lightly, 30.0)
     assert pole_trouble(TransferFunction.of([1.0], [1.0, -1.0]), 30.0).startswith("unstable")
     assert pole_trouble(TransferFunction.of([1.0], [1.0, 1.0, 0.0]), 30.0) == ""
-
-
-def test_a_zero_on_a_pole_cancels_within_its_uncertainty() -> None:
-    """(s + z) / ((s + 1)(s + 5)): cancelling is a matter of how well the roots are known."""
-    for zero, relative, said in (
-        (5.2, 5e-2, "within their uncertainty"),
-        (5.2, 1e-4, ""),
-        (5.01, 1e-6, "within 1 %"),
-        (20.0, 0.7, "is not determined: standard error"),
-        (1e-3, 1e-2, ""),
-    ):
-        function = TransferFunction.of([1.0, zero], np.polymul([1.0, 1.0], [1.0, 5.0]))
-        coefficients = np.array([1.0, zero, 6.0, 5.0])
-        covariance = np.diag((relative * coefficients) ** 2)
-        found = surplus_zero(function, covariance)
-        assert said in found
-        assert bool(found) == bool(said)
 
 
 def test_a_transfer_function_reads_like_the_paper() -> None:

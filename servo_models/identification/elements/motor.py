@@ -280,9 +280,10 @@ def motor_step(
     first = 0
     if voltage is not None:
         above = voltage > 0.5 * (np.min(voltage) + np.max(voltage))
-        first, *others = *(np.flatnonzero(np.diff(above)) + 1).tolist(), 0
-        if others[1:]:
+        changes = np.flatnonzero(np.diff(above)) + 1
+        if len(changes) > 1:
             raise UserError("the voltage changes more than once; cut the record to one step")
+        first = int(changes[0]) if len(changes) else 0
     since, after = time[first:] - time[first], speed[first:]
     if len(since) < 6:
         raise UserError(

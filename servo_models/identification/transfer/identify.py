@@ -1,11 +1,10 @@
 """Transfer functions of many structures from records and sweeps, and the one that will do.
 
-What has unstable or undamped poles, or a zero that the data do not tell from a pole, is out.
-Among the rest the best one is sought, and then the smallest that is not significantly worse
-than it: by the held-out samples if there are any, else by the Bayesian information criterion.
+What has unstable or undamped poles is out.  Among the rest the best one is sought, and then the
+smallest that is not significantly worse than it: by the held-out samples if there are any, else by
+the Bayesian information criterion.  So a zero that only cancels a pole is not chosen.
 Sources: Ljung, System Identification, 2nd ed., secs. 16.4 to 16.6; Kass and Raftery, Bayes
-Factors, J. Am. Stat. Assoc. 90 (1995), for what counts as significant; Soederstroem, Test of
-pole-zero cancellation, Automatica 11 (1975).
+Factors, J. Am. Stat. Assoc. 90 (1995), for what counts as significant.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from servo_models.analysis.statistics import inflation, rms, whiteness
 from servo_models.core.plant import GreyBox, Wire, check_known
 from servo_models.core.simulate import Model
 from servo_models.core.stop import Tell, silent
-from servo_models.core.types import Array, Complex
+from servo_models.core.types import Array
 from servo_models.data.log import Log
 from servo_models.errors import UserError
 from servo_models.identification.grey_box import Constant, PhysicalConstants, physical_constants
@@ -264,10 +263,8 @@ def choose(
 ) -> list[Candidate]:
     """Return the candidates with BIC, faults, and the reasons against all but one; the longest
     record lasts ``longest`` [s], None without records."""
-    checked = list[Candidate]()
-    for c in _rated(candidates, measurements):
-        trouble = pole_trouble(c.function, longest) or surplus_zero(c.function, c.covariance)
-        checked.append(replace(c, fault=trouble))
+    rated = _rated(candidates, measurements)
+    checked = [replace(c, fault=pole_trouble(c.function, longest)) for c in rated]
     sound = [c for c in checked if not c.fault]
     if not sound:
         raise UserError(
@@ -360,36 +357,6 @@ def pole_trouble(function: TransferFunction, longest: float | None) -> str:
                 f" record lasts {longest:.3g} s"
             )
     return ""
-
-
-def surplus_zero(function: TransferFunction, covariance: Array) -> str:
-    """Return which zero is not determined, or cancels a pole, or "".
-
-    The distance of a pole and a zero is held against its standard error (Soederstroem).
-    """
-    m, poles = len(function.numerator), function.poles
-    for zero in function.zeros:
-        slope = np.zeros(len(covariance), dtype=complex)
-        slope[:m] = _root_slopes(function.numerator, zero)
-        error = np.sqrt(abs(slope.conj() @ covariance @ slope))
-        # The zero of a differentiator is 0: then the slowest pole is the measure.
-        if error > 0.5 * max(abs(zero), np.min(np.abs(poles))):
-            return f"the zero at {_shown(zero)} rad/s is not determined: standard error {error:.2g}"
-        for pole in poles:
-            slope[m : m + len(poles)] = -_root_slopes(function.denominator, pole)[1:]
-            near = abs(zero - pole) < 0.01 * abs(pole)  # nothing of it would be seen
-            if near or abs(zero - pole) < 2.0 * np.sqrt(abs(slope.conj() @ covariance @ slope)):
-                return (
-                    f"pole-zero cancellation: the zero at {_shown(zero)} rad/s and the pole at"
-                    f" {_shown(pole)} rad/s are one within {'1 %' if near else 'their uncertainty'}"
-                )
-    return ""
-
-
-def _root_slopes(polynomial: Sequence[float], root: complex) -> Complex:
-    """Derivatives -p^i / A'(p) of a root by the coefficients, highest power first."""
-    powers = root ** np.arange(len(polynomial))[::-1]
-    return np.asarray(-powers / np.polyval(np.polyder(polynomial), root), dtype=complex)
 
 
 def _shown(root: complex) -> str:

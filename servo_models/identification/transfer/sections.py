@@ -68,7 +68,7 @@ def _report(result: TransferResult, date: str = "") -> Report:
     if chosen.white is not None:
         described.append(f"residuals white: {_passed(chosen.white)}")
     faults = sum(bool(c.fault) for c in result.candidates)
-    verdicts = f"{len(result.candidates)} tried, {faults} with a fault of poles or zeros"
+    verdicts = f"{len(result.candidates)} tried, {faults} with a fault of poles"
     cards = [
         Card("function", "\n".join(described) or "fitted to frequency responses", section=BODE),
         Card("candidates", verdicts, section=CANDIDATES),
