@@ -14,7 +14,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -65,7 +65,9 @@ FAR_BETTER = 0.5  # error of logs as they would be right over that as they stand
 COST_TOLERANCE = 1e-3  # relative decrease of the cost that ends a trial
 MOST_STEPS = 5  # of a trial
 MOST_ROWS = 20  # rows by which an output is looked for earlier or later
-MUCH_NEARER = 0.5  # error of an output so moved over that in its own rows, at most
+MUCH_NEARER = (
+    0.5  # error of the first output so moved over that in its own rows, from which it is late
+)
 LEAST_ROWS = 50  # rows of a log below which chance may prefer others
 ANSWERED = 0.05  # distance from the end of a step response over the whole, at which it is answered
 
@@ -515,13 +517,7 @@ def _about_instants(model: Model, log: Log, pairs: Mapping[str, _Pair]) -> Itera
     """Outputs that jump with the other command of their row, or are late beside the first one."""
     for name, pair in pairs.items():
         channel = _channel(log, name)
-
-        def changed(log: Log, name: str = name, **how: Any) -> Log:
-            return replace(
-                log, channels={**log.channels, name: replace(_channel(log, name), **how)}
-            )
-
-        other = partial(changed, after=not channel.after)
+        other = partial(_read, name=name, after=not channel.after)
         if _compared(model, other(log))[name].misfit < pair.misfit:
             now, then = ("after", "before") if channel.after else ("before", "after")
             yield Mistake(
@@ -531,35 +527,49 @@ def _about_instants(model: Model, log: Log, pairs: Mapping[str, _Pair]) -> Itera
                 other,
                 everywhere=True,
             )
-    first, *others = pairs
-    if len(log.times) < LEAST_ROWS or not others or _late(log, first, pairs[first]):
+    first, *others = (name for name in model.plant.outputs if name in pairs)
+    if len(log.times) < LEAST_ROWS or not others or _late(log, first, pairs[first], MUCH_NEARER):
         return
     for name in others:
-        late = _late(log, name, pairs[name])
-        if late:
-
-            def mended(log: Log, name: str = name, shift: float = -late) -> Log:
-                hold = model.plant.wire[name].flag
-                values = moved(shift, log.times, log.outputs[name], hold)
-                return replace(log, outputs={**log.outputs, name: values})
-
+        if late := _late(log, name, pairs[name], NO_BETTER):
             shift = _channel(log, name).shift - late
             yield Mistake(
                 f"{_column(log, name)} is {in_time(abs(late))} {'late' if late > 0.0 else 'early'},"
                 f" while '{first}' is not: give it shift = \"{1e3 * shift:.4g} ms\"",
                 [name],
-                mended,
+                partial(_shifted, name=name, by=-late),
                 everywhere=True,
             )
 
 
-def _late(log: Log, name: str, pair: _Pair) -> float:
-    """By how many seconds an output has to be read earlier to be much nearer; else 0."""
+def _read(log: Log, name: str, after: bool) -> Log:
+    """The log with an output that was read before, or after the command of its row was written."""
+    return replace(log, channels={**log.channels, name: replace(_channel(log, name), after=after)})
+
+
+def _shifted(log: Log, name: str, by: float) -> Log:
+    """The log with an output whose stamps are so much earlier [s]."""
+    values = moved(by, log.times, log.outputs[name], hold=False)
+    return replace(log, outputs={**log.outputs, name: values})
+
+
+def _late(log: Log, name: str, pair: _Pair, most: float) -> float:
+    """By how many seconds an output is late beside the model; 0 unless it is then nearer, with
+    ``most`` of its error in its own rows."""
     times = log.times[outliers(log.outputs[name]) == 0.0]
-    shifts = log.interval * np.arange(-MOST_ROWS, MOST_ROWS + 1)
-    errors = [rms(moved(-it, times, pair.measured, False) - pair.response) for it in shifts]
+
+    def left(rows: float) -> float:
+        values = moved(-rows * log.interval, times, pair.measured, hold=False)
+        return rms(values - pair.response)
+
+    errors = np.array([left(row) for row in range(-MOST_ROWS, MOST_ROWS + 1)])
     best = int(np.argmin(errors))
-    return float(shifts[best]) if errors[best] < MUCH_NEARER * errors[MOST_ROWS] else 0.0
+    if not 0 < best < 2 * MOST_ROWS:
+        return 0.0
+    before, least, after = errors[best - 1 : best + 2] ** 2
+    between = 0.5 * (before - after) / (before - 2.0 * least + after)  # vertex of a parabola
+    rows = min(best - MOST_ROWS, best - MOST_ROWS + between, key=left)
+    return float(rows * log.interval) if left(rows) < most * errors[MOST_ROWS] else 0.0
 
 
 # The nominal model beside a log
