@@ -64,6 +64,7 @@ NO_BETTER = 0.8  # error of logs as they would be right over that as they stand,
 FAR_BETTER = 0.5  # error of logs as they would be right over that as they stand, at most
 COST_TOLERANCE = 1e-3  # relative decrease of the cost that ends a trial
 MOST_STEPS = 5  # of a trial
+PARTS_OF_ROW = 8  # parts of a row after which an output may have been read
 MOST_ROWS = 20  # rows by which an output is looked for earlier or later
 MUCH_NEARER = (
     0.5  # error of the first output so moved over that in its own rows, from which it is late
@@ -119,7 +120,7 @@ def mistaken_columns(model: Model, log: Log, answer: float) -> Iterator[Mistake]
         pairs = _compared(model, log)
     told += [*_about_rates(log, pairs)] or _about_units(model, log, pairs, answer)
     told += _about_zeros(model, log, pairs)
-    told += () if told else _about_instants(model, log, pairs)
+    told += _about_instants(model, log, pairs) if pairs and not told else ()
     yield from (it for it in told if not it.is_settled(log))
 
 
@@ -514,21 +515,26 @@ def _strangeness(plant: Plant, log: Log) -> float:
 
 
 def _about_instants(model: Model, log: Log, pairs: Mapping[str, _Pair]) -> Iterator[Mistake]:
-    """Outputs that jump with the other command of their row, or are late beside the first one."""
+    """Outputs that were read with another command of their row, or late beside the first one."""
+    first, *others = (name for name in model.plant.outputs if name in pairs)
     for name, pair in pairs.items():
-        channel = _channel(log, name)
-        other = partial(_read, name=name, after=not channel.after)
-        if _compared(model, other(log))[name].misfit < pair.misfit:
-            now, then = ("after", "before") if channel.after else ("before", "after")
+        # a first output that was read later is one of a model that is slower
+        parts = np.arange(PARTS_OF_ROW if name in others else 1) / PARTS_OF_ROW
+        ways = [None, *(float(it) for it in log.interval * parts)]
+        reads = [partial(_read, name=name, after=it) for it in ways]
+        misfits = [_compared(model, read(log))[name].misfit for read in reads]
+        best = int(np.argmin(misfits))
+        if misfits[best] < pair.misfit:
+            cure = f'give it after_command = "{1e3 * (ways[best] or 0.0):.4g} ms"'
             yield Mistake(
-                f"{_column(log, name)} moves as if it was read {then} the command of its row was"
-                f' written, not {now}: give it read = "{then}"',
+                f"{_column(log, name)} moves as if it was read {'after' if best else 'before'} the"
+                " command of its row was written:"
+                f" {cure if best else 'leave out its after_command'}",
                 [name],
-                other,
+                reads[best],
                 everywhere=True,
             )
-    first, *others = (name for name in model.plant.outputs if name in pairs)
-    if len(log.times) < LEAST_ROWS or not others or _late(log, first, pairs[first], MUCH_NEARER):
+    if len(log.times) < LEAST_ROWS or _late(log, first, pairs[first], MUCH_NEARER):
         return
     for name in others:
         if late := _late(log, name, pairs[name], NO_BETTER):
@@ -542,9 +548,10 @@ def _about_instants(model: Model, log: Log, pairs: Mapping[str, _Pair]) -> Itera
             )
 
 
-def _read(log: Log, name: str, after: bool) -> Log:
-    """The log with an output that was read before, or after the command of its row was written."""
-    return replace(log, channels={**log.channels, name: replace(_channel(log, name), after=after)})
+def _read(log: Log, name: str, after: float | None) -> Log:
+    """The log with an output that was read at another time in its row, see ``Channel``."""
+    channel = replace(_channel(log, name), after_command=after)
+    return replace(log, channels={**log.channels, name: channel})
 
 
 def _shifted(log: Log, name: str, by: float) -> Log:

@@ -220,8 +220,8 @@ def read_table(entry: Section, bench: Bench) -> tuple[Path, str, dict[str, Array
     columns: dict[str, Array] = {}
     for wire in (*bench.columns, *(wire for wire in bench.optional if wire.name in entry)):
         mapped = map_signal(entry, wire.name, wire, None)
-        if mapped.table or mapped.channel.shift or mapped.channel.after:
-            entry.fail(wire.name, "table, shift and read belong to columns of logs; leave them out")
+        if mapped.table or mapped.channel.shift:
+            entry.fail(wire.name, "table and shift of a column belong to logs; leave them out")
         values = in_si(mapped, cells.numbers(mapped.column))
         check_size(mapped, cells, np.arange(len(values)), values, wire)
         where = cells.where(mapped.column)
