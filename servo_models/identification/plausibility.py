@@ -66,9 +66,6 @@ COST_TOLERANCE = 1e-3  # relative decrease of the cost that ends a trial
 MOST_STEPS = 5  # of a trial
 PARTS_OF_ROW = 8  # parts of a row after which an output may have been read
 MOST_ROWS = 20  # rows by which an output is looked for earlier or later
-MUCH_NEARER = (
-    0.5  # error of the first output so moved over that in its own rows, from which it is late
-)
 LEAST_ROWS = 50  # rows of a log below which chance may prefer others
 ANSWERED = 0.05  # distance from the end of a step response over the whole, at which it is answered
 
@@ -534,10 +531,11 @@ def _about_instants(model: Model, log: Log, pairs: Mapping[str, _Pair]) -> Itera
                 reads[best],
                 everywhere=True,
             )
-    if len(log.times) < LEAST_ROWS or _late(log, first, pairs[first], MUCH_NEARER):
-        return
+    lead = _late(log, first, pairs[first])
     for name in others:
-        if late := _late(log, name, pairs[name], NO_BETTER):
+        late = _late(log, name, pairs[name])
+        # early by a part of a row is read after its command; a model that is slow makes all early
+        if not -log.interval < late <= 0.0 and abs(late) > 2.0 * abs(lead):
             shift = _channel(log, name).shift - late
             yield Mistake(
                 f"{_column(log, name)} is {in_time(abs(late))} {'late' if late > 0.0 else 'early'},"
@@ -560,9 +558,8 @@ def _shifted(log: Log, name: str, by: float) -> Log:
     return replace(log, outputs={**log.outputs, name: values})
 
 
-def _late(log: Log, name: str, pair: _Pair, most: float) -> float:
-    """By how many seconds an output is late beside the model; 0 unless it is then nearer, with
-    ``most`` of its error in its own rows."""
+def _late(log: Log, name: str, pair: _Pair) -> float:
+    """By how many seconds an output is late beside the model, 0 where it is then hardly nearer."""
     times = log.times[outliers(log.outputs[name]) == 0.0]
 
     def left(rows: float) -> float:
@@ -571,12 +568,12 @@ def _late(log: Log, name: str, pair: _Pair, most: float) -> float:
 
     errors = np.array([left(row) for row in range(-MOST_ROWS, MOST_ROWS + 1)])
     best = int(np.argmin(errors))
-    if not 0 < best < 2 * MOST_ROWS:
+    if len(log.times) < LEAST_ROWS or not 0 < best < 2 * MOST_ROWS:
         return 0.0
     before, least, after = errors[best - 1 : best + 2] ** 2
     between = 0.5 * (before - after) / (before - 2.0 * least + after)  # vertex of a parabola
     rows = min(best - MOST_ROWS, best - MOST_ROWS + between, key=left)
-    return float(rows * log.interval) if left(rows) < most * errors[MOST_ROWS] else 0.0
+    return float(rows * log.interval) if left(rows) < NO_BETTER * errors[MOST_ROWS] else 0.0
 
 
 # The nominal model beside a log
