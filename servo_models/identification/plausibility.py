@@ -521,7 +521,7 @@ def _about_instants(model: Model, log: Log, pairs: Mapping[str, _Pair]) -> Itera
         reads = [partial(_read, name=name, after=it) for it in ways]
         misfits = [_compared(model, read(log))[name].misfit for read in reads]
         best = int(np.argmin(misfits))
-        if misfits[best] < pair.misfit:
+        if misfits[best] < NO_BETTER * pair.misfit:
             cure = f'give it after_command = "{1e3 * (ways[best] or 0.0):.4g} ms"'
             yield Mistake(
                 f"{_column(log, name)} moves as if it was read {'after' if best else 'before'} the"
@@ -534,8 +534,8 @@ def _about_instants(model: Model, log: Log, pairs: Mapping[str, _Pair]) -> Itera
     lead = _late(log, first, pairs[first])
     for name in others:
         late = _late(log, name, pairs[name])
-        # early by a part of a row is read after its command; a model that is slow makes all early
-        if not -log.interval < late <= 0.0 and abs(late) > 2.0 * abs(lead):
+        # early by a part of a row is read after its command; of a delay, all outputs are late
+        if not -log.interval < late <= 0.0 and late * (late - 2.0 * lead) > 0.0:
             shift = _channel(log, name).shift - late
             yield Mistake(
                 f"{_column(log, name)} is {in_time(abs(late))} {'late' if late > 0.0 else 'early'},"
