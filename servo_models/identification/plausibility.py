@@ -64,7 +64,7 @@ NO_BETTER = 0.8  # error of logs as they would be right over that as they stand,
 FAR_BETTER = 0.5  # error of logs as they would be right over that as they stand, at most
 COST_TOLERANCE = 1e-3  # relative decrease of the cost that ends a trial
 MOST_STEPS = 5  # of a trial
-PARTS_OF_ROW = 8  # parts of a row after which an output may have been read
+PARTS_OF_ROW = 5  # parts of a row after which an output may have been read
 MOST_ROWS = 20  # rows by which an output is looked for earlier or later
 LEAST_ROWS = 50  # rows of a log below which chance may prefer others
 ANSWERED = 0.05  # distance from the end of a step response over the whole, at which it is answered
@@ -117,7 +117,7 @@ def mistaken_columns(model: Model, log: Log, answer: float) -> Iterator[Mistake]
         pairs = _compared(model, log)
     told += [*_about_rates(log, pairs)] or _about_units(model, log, pairs, answer)
     told += _about_zeros(model, log, pairs)
-    told += _about_instants(model, log, pairs) if pairs and not told else ()
+    told += _about_instants(model, log, pairs) if pairs else ()
     yield from (it for it in told if not it.is_settled(log))
 
 
@@ -512,36 +512,36 @@ def _strangeness(plant: Plant, log: Log) -> float:
 
 
 def _about_instants(model: Model, log: Log, pairs: Mapping[str, _Pair]) -> Iterator[Mistake]:
-    """Outputs that were read with another command of their row, or late beside the first one."""
+    """Outputs that were read with another command of their row, or late beside the first one; of
+    the instants that are possible, those that leave less beside the nominal model."""
     first, *others = (name for name in model.plant.outputs if name in pairs)
+    lead = _late(log, first, pairs[first])
     for name, pair in pairs.items():
         # a first output that was read later is one of a model that is slower
         parts = np.arange(PARTS_OF_ROW if name in others else 1) / PARTS_OF_ROW
-        ways = [None, *(float(it) for it in log.interval * parts)]
-        reads = [partial(_read, name=name, after=it) for it in ways]
-        misfits = [_compared(model, read(log))[name].misfit for read in reads]
-        best = int(np.argmin(misfits))
-        if misfits[best] < NO_BETTER * pair.misfit:
-            cure = f'give it after_command = "{1e3 * (ways[best] or 0.0):.4g} ms"'
-            yield Mistake(
-                f"{_column(log, name)} moves as if it was read {'after' if best else 'before'} the"
-                " command of its row was written:"
-                f" {cure if best else 'leave out its after_command'}",
-                [name],
-                reads[best],
-                everywhere=True,
-            )
-    lead = _late(log, first, pairs[first])
-    for name in others:
-        late = _late(log, name, pairs[name])
+        for after in (None, *(float(it) for it in log.interval * parts)):
+            read = partial(_read, name=name, after=after)
+            if _compared(model, read(log))[name].misfit < NO_BETTER * pair.misfit:
+                said, cure = "before", "leave out its after_command"
+                if after is not None:
+                    said, cure = "after", f'give it after_command = "{1e3 * after:.4g} ms"'
+                text = f"moves as if it was read {said} the command of its row was written: {cure}"
+                yield Mistake(f"{_column(log, name)} {text}", [name], read, everywhere=True)
+        late = _late(log, name, pair)
         # early by a part of a row is read after its command; of a delay, all outputs are late
-        if not -log.interval < late <= 0.0 and late * (late - 2.0 * lead) > 0.0:
-            shift = _channel(log, name).shift - late
+        if -log.interval < late <= 0.0 or late * (late - 2.0 * lead) <= 0.0:
+            continue
+        rows = late / log.interval
+        for each in {rows, math.floor(rows), math.ceil(rows)} - {0}:
+            by = -each * log.interval
+            shift = f'"{1e3 * (_channel(log, name).shift + by):.4g} ms"'
+            text = (
+                f"is {in_time(abs(by))} {'early' if by > 0.0 else 'late'}, while '{first}' is not"
+            )
             yield Mistake(
-                f"{_column(log, name)} is {in_time(abs(late))} {'late' if late > 0.0 else 'early'},"
-                f" while '{first}' is not: give it shift = \"{1e3 * shift:.4g} ms\"",
+                f"{_column(log, name)} {text}: give it shift = {shift}",
                 [name],
-                partial(_shifted, name=name, by=-late),
+                partial(_shifted, name=name, by=by),
                 everywhere=True,
             )
 
