@@ -111,14 +111,14 @@ def mistaken_columns(model: Model, log: Log, answer: float) -> Iterator[Mistake]
     begins as it shows; ``answer`` is the ``answer_time`` of the model [s]."""
     pairs = _compared(model, log)
     against = _against(model, log, pairs)
+    instants = [*_about_instants(model, log, pairs)] if pairs else []
     told = [*_about_signs(model, log, against)]
     if against:
         log = _turned(model, log, against)
         pairs = _compared(model, log)
     told += [*_about_rates(log, pairs)] or _about_units(model, log, pairs, answer)
     told += _about_zeros(model, log, pairs)
-    told += _about_instants(model, log, pairs) if pairs else ()
-    yield from (it for it in told if not it.is_settled(log))
+    yield from (it for it in [*told, *instants] if not it.is_settled(log))
 
 
 def implausible_clocks(described: Description) -> tuple[str, ...]:
@@ -534,12 +534,10 @@ def _about_instants(model: Model, log: Log, pairs: Mapping[str, _Pair]) -> Itera
         rows = late / log.interval
         for each in {rows, math.floor(rows), math.ceil(rows)} - {0}:
             by = -each * log.interval
+            off = f"{in_time(abs(by))} {'early' if by > 0.0 else 'late'}"
             shift = f'"{1e3 * (_channel(log, name).shift + by):.4g} ms"'
-            text = (
-                f"is {in_time(abs(by))} {'early' if by > 0.0 else 'late'}, while '{first}' is not"
-            )
             yield Mistake(
-                f"{_column(log, name)} {text}: give it shift = {shift}",
+                f"{_column(log, name)} is {off}, while '{first}' is not: give it shift = {shift}",
                 [name],
                 partial(_shifted, name=name, by=by),
                 everywhere=True,
