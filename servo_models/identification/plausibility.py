@@ -512,13 +512,14 @@ def _strangeness(plant: Plant, log: Log) -> float:
 
 
 def _about_instants(model: Model, log: Log, pairs: Mapping[str, _Pair]) -> Iterator[Mistake]:
-    """Outputs that were read with another command of their row, or late beside the first one; of
+    """Outputs that were read with another command of their row, or late beside the position; of
     the instants that are possible, those that leave less beside the nominal model."""
-    first, *others = (name for name in model.plant.outputs if name in pairs)
+    wires, position = model.plant.wire, model.plant.wire[model.plant.outputs[0]]
+    first = min(pairs, key=lambda name: wires[name].unit != position.unit)
     lead = _late(log, first, pairs[first])
     for name, pair in pairs.items():
-        # a first output that was read later is one of a model that is slower
-        parts = np.arange(PARTS_OF_ROW if name in others else 1) / PARTS_OF_ROW
+        # a position that was read later is one of a model that is slower
+        parts = np.arange(1 if name == first else PARTS_OF_ROW) / PARTS_OF_ROW
         for after in (None, *(float(it) for it in log.interval * parts)):
             read = partial(_read, name=name, after=after)
             if _compared(model, read(log))[name].misfit < NO_BETTER * pair.misfit:
@@ -532,7 +533,7 @@ def _about_instants(model: Model, log: Log, pairs: Mapping[str, _Pair]) -> Itera
         if -log.interval < late <= 0.0 or late * (late - 2.0 * lead) <= 0.0:
             continue
         rows = late / log.interval
-        for each in {rows, math.floor(rows), math.ceil(rows)} - {0}:
+        for each in sorted({rows, math.floor(rows), math.ceil(rows)} - {0}):
             by = -each * log.interval
             off = f"{in_time(abs(by))} {'early' if by > 0.0 else 'late'}"
             shift = f'"{1e3 * (_channel(log, name).shift + by):.4g} ms"'
