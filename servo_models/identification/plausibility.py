@@ -532,29 +532,29 @@ def _about_instants(model: Model, log: Log, pairs: Mapping[str, _Pair]) -> Itera
         # early by a part of a row is read after its command; of a delay, all outputs are late
         if -log.interval < late <= 0.0 or late * (late - 2.0 * lead) <= 0.0:
             continue
-        rows = late / log.interval
+        channel, rows = _channel(log, name), late / log.interval
         for each in sorted({rows, math.floor(rows), math.ceil(rows)} - {0}):
-            by = -each * log.interval
-            off = f"{in_time(abs(by))} {'early' if by > 0.0 else 'late'}"
-            shift = f'"{1e3 * (_channel(log, name).shift + by):.4g} ms"'
+            since = (channel.after_command or 0.0) / log.interval - each  # the command of its row
+            by, part = math.floor(since) * log.interval, (since % 1.0) * log.interval
+            off = f"{in_time(abs(each * log.interval))} {'early' if each < 0.0 else 'late'}"
+            cure = f'give it shift = "{1e3 * (channel.shift + by):.4g} ms"'
+            exact = part == 0.0 and channel.after_command is None
+            cure += "" if exact else f' and after_command = "{1e3 * part:.4g} ms"'
             yield Mistake(
-                f"{_column(log, name)} is {off}, while '{first}' is not: give it shift = {shift}",
+                f"{_column(log, name)} is {off}, while '{first}' is not: {cure}",
                 [name],
-                partial(_shifted, name=name, by=by),
+                partial(_read, name=name, after=None if exact else part, by=by),
                 everywhere=True,
             )
 
 
-def _read(log: Log, name: str, after: float | None) -> Log:
-    """The log with an output that was read at another time in its row, see ``Channel``."""
+def _read(log: Log, name: str, after: float | None, by: float = 0.0) -> Log:
+    """The log with an output that was read at another time in its row, and with stamps that are so
+    much earlier [s]; see ``Channel``."""
     channel = replace(_channel(log, name), after_command=after)
-    return replace(log, channels={**log.channels, name: channel})
-
-
-def _shifted(log: Log, name: str, by: float) -> Log:
-    """The log with an output whose stamps are so much earlier [s]."""
     values = moved(by, log.times, log.outputs[name], hold=False)
-    return replace(log, outputs={**log.outputs, name: values})
+    outputs, channels = {**log.outputs, name: values}, {**log.channels, name: channel}
+    return replace(log, outputs=outputs, channels=channels)
 
 
 def _late(log: Log, name: str, pair: _Pair) -> float:
@@ -648,13 +648,13 @@ def questions(told: Description) -> tuple[Audit, ...]:
 
 
 def tried(told: Description, asked: Sequence[Audit], workers: Workers = ALONE) -> Tried:
-    """Try every mistake of which another reading is known."""
-    return {
-        mistake: _left(told, log, mistake, workers)
-        for log, audit in zip(told.logs, asked)
-        for mistake in audit.mistakes
-        if mistake.mended
-    }
+    """Try every mistake of which another reading is known; what is said of several logs, once."""
+    errors: dict[Mistake, float] = {}
+    for log, audit in zip(told.logs, asked):
+        for mistake in audit.mistakes:
+            if mistake.mended and not (mistake.everywhere and mistake in errors):
+                errors[mistake] = _left(told, log, mistake, workers)
+    return errors
 
 
 def _left(told: Description, log: Log, mistake: Mistake, workers: Workers) -> float:
