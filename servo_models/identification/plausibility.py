@@ -377,7 +377,7 @@ def _cure(log: Log, correction: Correction) -> str:
     if TIME in correction.columns:
         return (
             f"{names} runs about {1.0 / correction.ratio:.2g} times too slowly for the model, as"
-            f' the number of a row may: give it time.unit = "{correction.ratio * told:.2g} {unit}"'
+            " the number of a row may: read the column with the times"
         )
     return (
         f"{names} {verb} not scaled: the model moves {correction.ratio:.3g} times as far; give"
@@ -533,7 +533,7 @@ def _about_instants(model: Model, log: Log, pairs: Mapping[str, _Pair]) -> Itera
         if -log.interval < late <= 0.0 or late * (late - 2.0 * lead) <= 0.0:
             continue
         channel, rows = _channel(log, name), late / log.interval
-        for each in sorted({rows, math.floor(rows), math.ceil(rows)} - {0}):
+        for each in math.floor(rows) + np.arange(PARTS_OF_ROW + 1) / PARTS_OF_ROW:
             since = (channel.after_command or 0.0) / log.interval - each  # the command of its row
             by, part = math.floor(since) * log.interval, (since % 1.0) * log.interval
             off = f"{in_time(abs(each * log.interval))} {'early' if each < 0.0 else 'late'}"
