@@ -303,10 +303,11 @@ def _about_zeros(model: Model, log: Log, pairs: Mapping[str, _Pair]) -> Iterator
         off = float(np.median(apart))
         least = max(ELSEWHERE * np.ptp(pair.response), STEADY * np.std(apart))
         if si in POSITIONS and pair.misfit < UNLIKE and abs(off) > least:
-            size = off * factor(si, unit)
+            to_unit = factor(si, unit)
+            offset = (_channel(log, name).offset - off) * to_unit
             yield Mistake(
-                f"{_column(log, name)} moves as the model does, but {size:.4g} {unit} off: its zero"
-                f" is elsewhere; give it offset = {-size:.4g}",
+                f"{_column(log, name)} moves as the model does, but {off * to_unit:.4g} {unit} off:"
+                f" its zero is elsewhere; give it offset = {offset:.4g}",
                 [name],
                 partial(_moved, model, name=name, by=-off),
                 everywhere=True,

@@ -60,6 +60,7 @@ LOOP = Subject(  # which knows the product of its gains, and one of them
     3e-4,
     {"motor_gain": 1.15, "amplifier_gain": 1.0},
 )
+NOTHING_KNOWN = dict.fromkeys(LOOP.off, "")
 
 
 def times(**factors: float) -> Callable[[Columns], Columns]:
@@ -115,11 +116,11 @@ RIGS = {
     "angle in degrees": Rig("unit", times(angle_reading=180.0 / math.pi)),
     "both in degrees": Rig("unit", times(goal=180.0 / math.pi, angle_reading=180.0 / math.pi)),
     "time in ms": Rig("unit", times(time=1e3)),
-    "angle in counts": Rig("scale", times(angle_reading=7.3)),
+    "angle in counts": Rig("scale", times(angle_reading=3e4)),
     "angle turned": Rig("sign", times(angle_reading=-1.0)),
     "said to be turned": Rig("sign", told={"angle_reading": {"sign": "-1"}}),
     "another zero": Rig("offset", plus(0.9)),
-    "another zero beside one": Rig("offset", plus(0.9), {"angle_reading": {"offset": "0.1"}}),
+    "another zero beside one": Rig("offset", plus(0.8), {"angle_reading": {"offset": "0.1"}}),
     "-999 for no reading": Rig("missing", without_readings),
     "-999 in counts": Rig(
         "missing",
@@ -129,7 +130,7 @@ RIGS = {
     "a sensor that died": Rig("window", dead),
     "begins elsewhere": Rig("start", in_motion, {"log": {"start": '"rest"'}}),
     "a prior of 20 times": Rig(
-        "uncertainty", told={"free": {"inertia": ""}, "uncertainty": {"inertia": '"20 kg.m2"'}}
+        "uncertainty", told={"uncertainty": {"rotor_inertia": '"20 kg.m2"'}}, subject=MOTOR
     ),
     "after its command": motor("after_command", after=0.0),
     "later in its row": motor("after_command", after=2e-3),
@@ -138,7 +139,9 @@ RIGS = {
     "late by a part of a row": motor("shift", late=13e-3),
     "late, and half of it said": motor("shift", {"shift": '"-10 ms"'}, late=20e-3),
     "said to be late": motor("shift", {"shift": '"-20 ms"'}),
-    "two that are one": Rig("free", subject=LOOP),
+    "two that are one": Rig(
+        "free", told={"uncertainty": dict.fromkeys(LOOP.off, "")}, subject=LOOP
+    ),
 }
 
 
@@ -266,7 +269,7 @@ def test_who_obeys_comes_nearer_to_the_truth(name: str, tmp_path: Path) -> None:
     key, cured = obeyed(texts, keys, record(rig)["time"])
     assert key == rig.said, texts
     after = distance(written(tmp_path, rig, cured), rig)
-    assert after < 0.5 * before, (before, after, cured)
+    assert after < min(0.5 * before, 0.01), (before, after, cured)
 
 
 @pytest.mark.long
