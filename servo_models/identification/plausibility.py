@@ -534,7 +534,8 @@ def _about_instants(model: Model, log: Log, pairs: Mapping[str, _Pair]) -> Itera
         if -log.interval < late <= 0.0 or late * (late - 2.0 * lead) <= 0.0:
             continue
         channel, rows = _channel(log, name), late / log.interval
-        for each in math.floor(rows) + np.arange(PARTS_OF_ROW + 1) / PARTS_OF_ROW:
+        possible = math.floor(rows) + np.arange(PARTS_OF_ROW + 1) / PARTS_OF_ROW
+        for each in possible[possible != 0.0]:
             since = (channel.after_command or 0.0) / log.interval - each  # the command of its row
             by, part = math.floor(since) * log.interval, (since % 1.0) * log.interval
             off = f"{in_time(abs(each * log.interval))} {'early' if each < 0.0 else 'late'}"
