@@ -63,6 +63,7 @@ LEAST_DURATION = 0.1  # duration of a log over the response time
 NO_BETTER = 0.8  # error of logs as they would be right over that as they stand, if nothing is asked
 FAR_BETTER = 0.5  # error of logs as they would be right over that as they stand, at most
 COST_TOLERANCE = 1e-3  # relative decrease of the cost that ends a trial
+ALIKE = 1.0 + 10.0 * COST_TOLERANCE  # errors of trials in this ratio are the same
 MOST_STEPS = 5  # of a trial
 PARTS_OF_ROW = 5  # parts of a row after which an output may have been read
 MOST_ROWS = 20  # rows by which an output is looked for earlier or later
@@ -693,7 +694,7 @@ def likely(
             rivals = [errors[m] for m in audit.mistakes if m in errors and m.columns == it.columns]
             if it not in errors:
                 yield it
-            elif errors[it] <= min(most, STILL_FITS * min(rivals)) and it.columns not in said:
+            elif errors[it] <= min(most, ALIKE * min(rivals)) and it.columns not in said:
                 said.add(it.columns)
                 yield it
 
