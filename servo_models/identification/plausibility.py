@@ -112,14 +112,13 @@ def mistaken_columns(model: Model, log: Log, answer: float) -> Iterator[Mistake]
     begins as it shows; ``answer`` is the ``answer_time`` of the model [s]."""
     pairs = _compared(model, log)
     against = _against(model, log, pairs)
-    instants = [*_about_instants(model, log, pairs)] if pairs else []
     told = [*_about_signs(model, log, against)]
     if against:
         log = _turned(model, log, against)
         pairs = _compared(model, log)
     told += [*_about_rates(log, pairs)] or _about_units(model, log, pairs, answer)
     told += _about_zeros(model, log, pairs)
-    yield from (it for it in [*told, *instants] if not it.is_settled(log))
+    yield from (it for it in told if not it.is_settled(log))
 
 
 def implausible_clocks(described: Description) -> tuple[str, ...]:
@@ -513,10 +512,16 @@ def _strangeness(plant: Plant, log: Log) -> float:
 # When outputs were read
 
 
-def _about_instants(model: Model, log: Log, pairs: Mapping[str, _Pair]) -> Iterator[Mistake]:
+def _about_instants(model: Model, log: Log) -> Iterator[Mistake]:
     """Outputs that were read with another command of their row, or late beside the position; of
-    the instants that are possible, those that leave less beside the nominal model."""
+    the instants that are possible, those that leave less beside the nominal model.
+
+    They are many, and to be tried.
+    """
     wires, position = model.plant.wire, model.plant.wire[model.plant.outputs[0]]
+    pairs = _compared(model, log)
+    if not pairs:
+        return
     first = min(pairs, key=lambda name: wires[name].unit != position.unit)
     lead = _late(log, first, pairs[first])
     for name, pair in pairs.items():
@@ -644,8 +649,13 @@ Tried = Mapping[Mistake, float]
 def questions(told: Description) -> tuple[Audit, ...]:
     """Audits of the logs, with the columns that contradict the model among the mistakes."""
     model, answer = told.model, answer_time(told.model)
+
+    def asked(log: Log) -> Iterator[Mistake]:
+        yield from mistaken_columns(model, log, answer)
+        yield from (it for it in _about_instants(model, log) if not it.is_settled(log))
+
     return tuple(
-        replace(it, mistakes=(*it.mistakes, *mistaken_columns(model, it.log, answer)))
+        replace(it, mistakes=(*it.mistakes, *asked(it.log)))
         for it in audits(told.logs, model.plant)
     )
 
