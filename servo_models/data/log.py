@@ -29,7 +29,8 @@ class Channel:
         offset: SI value of 0 in the file.
         checked: its author has looked at unit, sign, zero and readings, so nothing is asked of it.
         shift: time [s] that is added to its stamps.
-        after: an output was read after the command of its row was written, and may jump with it.
+        after_command: time [s] from the command of a row until an output was read, which may have
+            jumped with it; None where it was read just before.
     """
 
     signal: str
@@ -39,7 +40,7 @@ class Channel:
     offset: float = 0.0
     checked: bool = False
     shift: float = 0.0
-    after: bool = False
+    after_command: float | None = None
 
     @property
     def told(self) -> tuple[float, str]:
@@ -113,9 +114,10 @@ class Log:
     unsure: Mapping[str, Array] | None = None
     between: Mask | None = None
 
-    def read_after(self, names: Iterable[str]) -> Mask:
-        """Mark signals that were read after the command of their row was written."""
-        return np.array([name in self.channels and self.channels[name].after for name in names])
+    def after_command(self, names: Iterable[str]) -> Array:
+        """Times [s] from the command of a row until signals were read, NaN for just before it."""
+        known = [self.channels[it].after_command if it in self.channels else None for it in names]
+        return np.array(known, dtype=float)
 
     @property
     def duration(self) -> float:

@@ -179,10 +179,12 @@ def _placeholders(log: Log, wire: Wire, values: Array, step: float) -> Iterator[
             continue
         apart = np.min(np.abs(others - end))
         if apart > max(np.ptp(others), LEAP_RATIO * step) and len(runs(which)[0]) >= PLACEHOLDERS:
+            channel = log.channels[wire.name]
+            number = (end - channel.offset) / channel.scale  # of the file
             yield Mistake(
                 f"'{wire.name}' reads {told(wire, end)} in {which.sum()} rows, the first of them"
                 f" row {log.rows[np.argmax(which)]}, far outside all others: it stands for no"
-                " reading; say so by missing, with this number of the file",
+                f" reading; give it missing = {number:.10g}",
                 [wire.name],
                 _without(which),
             )

@@ -67,7 +67,7 @@ class Signal(Table):
         offset = "2 deg"
         sign = -1
         shift = "2 ms"
-        read = "after"  # or "before" the command of its row was written
+        after_command = "0.5 ms"  # of its row: then it was read, without this just before
         missing = -999
         outliers = "30 deg"
         table = "joint_states"
@@ -80,7 +80,7 @@ class Signal(Table):
     offset: Quantity = 0.0
     sign: Number = 1.0
     shift: Seconds = Seconds(0.0)
-    read: Literal["before", "after"] | None = None
+    after_command: Seconds | None = None
     missing: Literal["hold", "drop"] | Number | None = None
     outliers: Quantity | None = None
     table: str = ""
@@ -458,7 +458,9 @@ def map_signal(section: Section, name: str, wire: Wire, table: str | None) -> Ma
     offset = quantity(at, "offset", unit) if "offset" in at else 0.0
     words = unit if given.scale == 1.0 else f"{given.scale:g} {unit}"
     scale = given.sign * given.scale * to_si
-    when = float(given.shift), given.read == "after"
+    when = float(given.shift), given.after_command
+    if when[1] is not None and when[1] < 0.0:
+        section.fail(f"{name}.after_command", "below 0; say by shift that a column is late")
     channel = Channel(name, str(given.column), words, scale, offset * to_si, given.checked, *when)
     farthest = to_si * quantity(at, "outliers", unit) if "outliers" in at else None
     if farthest is not None and not farthest > 0.0:
@@ -499,8 +501,8 @@ def _mapped(
             section.fail(name, unknown(kind, name, wires))
     mapped = {name: map_signal(section, name, wires[name], table) for name in section}
     for name, signal in mapped.items():
-        after = signal.channel.after or None
-        of_readings = {"missing": signal.missing, "outliers": signal.farthest, "read": after}
+        of_readings = {"missing": signal.missing, "outliers": signal.farthest}
+        of_readings["after_command"] = signal.channel.after_command
         for key, said in of_readings.items():
             if kind == "input" and said is not None:
                 section.fail(f"{name}.{key}", f"an input has a value in every row; leave {key} out")

@@ -163,7 +163,7 @@ def warnings(problem: Problem, vector: Array, spread: Spread) -> list[str]:
         elif slope == 0.0:
             text = (
                 f"'{free.name}' is not excited by these logs: where the fit ended, nothing measured"
-                " depends on it; begin with another value, or fix it"
+                " depends on it; begin with another value, or fix it if you know it"
             )
             said.append(text if reason == FROM_PRIOR else Doubt(text))
         elif free.prior and abs(value - free.nominal) > FAR_DEVIATIONS * free.prior:
@@ -189,7 +189,8 @@ def warnings(problem: Problem, vector: Array, spread: Spread) -> list[str]:
             said.append(
                 Doubt(
                     f"the data do not determine '{free.name}': its standard error is"
-                    f" {_share(error, value)}; fix it, give it a prior, or excite it more"
+                    f" {_share(error, value)}; fix it if you know it, give it a prior, or"
+                    " excite it more"
                 )
             )
     if unseen:
@@ -203,8 +204,8 @@ def warnings(problem: Problem, vector: Array, spread: Spread) -> list[str]:
     said += [
         Doubt(
             f"'{names[j]}' and '{names[i]}' cannot be told apart by these logs"
-            f" (correlation {spread.correlations[i, j]:+.3f}): fix one of them or log an experiment"
-            " that moves only one"
+            f" (correlation {spread.correlations[i, j]:+.3f}): fix one that you know, or log an"
+            " experiment that moves only one"
         )
         for i, j in correlated(problem.free, spread.correlations)
         if not any({i, j} <= set(group) for group in spread.groups)
@@ -214,7 +215,7 @@ def warnings(problem: Problem, vector: Array, spread: Spread) -> list[str]:
         if spread.condition >= WORST_CONDITION:
             told = f"more than {WORST_CONDITION:.0e}"
         text = f"the fit is ill-conditioned ({told}): some combination of parameters is free"
-        said.append(Doubt(f"{text}; fix one of them"))
+        said.append(Doubt(f"{text}; fix one that you know"))
     return said
 
 
@@ -239,7 +240,7 @@ def together(names: Sequence[str], without_prior: Container[str]) -> str:
         return f"these logs show {each} only together: what each is alone, the priors say"
     return (
         f"{each} cannot be told apart by these logs: they can change together and leave every"
-        " output as it is; fix one of them or log an experiment that moves only one"
+        " output as it is; fix one that you know, or log an experiment that moves only one"
     )
 
 

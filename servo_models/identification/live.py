@@ -92,7 +92,7 @@ def _run(run: Run, rows: int, sets: Sequence[Mapping[str, float]]) -> LiveRun:
         placed=placed,
         constants={n: v for n, v in log.constants.items() if n in run.model.values},
         stretches=tuple(_stretches(log, rows)),
-        after=tuple(name for name, it in log.channels.items() if it.after),
+        after={n: t for n, it in log.channels.items() if (t := it.after_command) is not None},
         note=f"The first {log.times[rows - 1]:.4g} s of {log.duration:.4g} s." if cut else "",
     )
 

@@ -14,7 +14,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -64,9 +64,10 @@ LEAST_DURATION = 0.1  # duration of a log over the response time
 NO_BETTER = 0.8  # error of logs as they would be right over that as they stand, if nothing is asked
 FAR_BETTER = 0.5  # error of logs as they would be right over that as they stand, at most
 COST_TOLERANCE = 1e-3  # relative decrease of the cost that ends a trial
+ALIKE = 1.0 + 10.0 * COST_TOLERANCE  # errors of trials in this ratio are the same
 MOST_STEPS = 5  # of a trial
+PARTS_OF_ROW = 5  # parts of a row after which an output may have been read
 MOST_ROWS = 20  # rows by which an output is looked for earlier or later
-MUCH_NEARER = 0.5  # error of an output so moved over that in its own rows, at most
 LEAST_ROWS = 50  # rows of a log below which chance may prefer others
 ANSWERED = 0.05  # distance from the end of a step response over the whole, at which it is answered
 
@@ -118,7 +119,6 @@ def mistaken_columns(model: Model, log: Log, answer: float) -> Iterator[Mistake]
         pairs = _compared(model, log)
     told += [*_about_rates(log, pairs)] or _about_units(model, log, pairs, answer)
     told += _about_zeros(model, log, pairs)
-    told += () if told else _about_instants(model, log, pairs)
     yield from (it for it in told if not it.is_settled(log))
 
 
@@ -304,10 +304,11 @@ def _about_zeros(model: Model, log: Log, pairs: Mapping[str, _Pair]) -> Iterator
         off = float(np.median(apart))
         least = max(ELSEWHERE * np.ptp(pair.response), STEADY * np.std(apart))
         if si in POSITIONS and pair.misfit < UNLIKE and abs(off) > least:
-            size = off * factor(si, unit)
+            to_unit = factor(si, unit)
+            offset = (_channel(log, name).offset - off) * to_unit
             yield Mistake(
-                f"{_column(log, name)} moves as the model does, but {size:.4g} {unit} off: its zero"
-                f" is elsewhere; give it offset = {-size:.4g}",
+                f"{_column(log, name)} moves as the model does, but {off * to_unit:.4g} {unit} off:"
+                f" its zero is elsewhere; give it offset = {offset:.4g}",
                 [name],
                 partial(_moved, model, name=name, by=-off),
                 everywhere=True,
@@ -378,7 +379,7 @@ def _cure(log: Log, correction: Correction) -> str:
     if TIME in correction.columns:
         return (
             f"{names} runs about {1.0 / correction.ratio:.2g} times too slowly for the model, as"
-            f' the number of a row may: give it time.unit = "{correction.ratio * told:.2g} {unit}"'
+            " the number of a row may: read the column with the times"
         )
     return (
         f"{names} {verb} not scaled: the model moves {correction.ratio:.3g} times as far; give"
@@ -512,55 +513,75 @@ def _strangeness(plant: Plant, log: Log) -> float:
 # When outputs were read
 
 
-def _about_instants(model: Model, log: Log, pairs: Mapping[str, _Pair]) -> Iterator[Mistake]:
-    """Outputs that jump with the other command of their row, or are late beside the first one."""
-    for name, pair in pairs.items():
-        channel = _channel(log, name)
+def _about_instants(model: Model, log: Log) -> Iterator[Mistake]:
+    """Outputs that were read with another command of their row, or late beside the position; of
+    the instants that are possible, those that leave less beside the nominal model.
 
-        def changed(log: Log, name: str = name, **how: Any) -> Log:
-            return replace(
-                log, channels={**log.channels, name: replace(_channel(log, name), **how)}
-            )
-
-        other = partial(changed, after=not channel.after)
-        if _compared(model, other(log))[name].misfit < pair.misfit:
-            now, then = ("after", "before") if channel.after else ("before", "after")
-            yield Mistake(
-                f"{_column(log, name)} moves as if it was read {then} the command of its row was"
-                f' written, not {now}: give it read = "{then}"',
-                [name],
-                other,
-                everywhere=True,
-            )
-    first, *others = pairs
-    if len(log.times) < LEAST_ROWS or not others or _late(log, first, pairs[first]):
+    They are many, and to be tried.
+    """
+    wires, position = model.plant.wire, model.plant.wire[model.plant.outputs[0]]
+    pairs = _compared(model, log)
+    if not pairs:
         return
-    for name in others:
-        late = _late(log, name, pairs[name])
-        if late:
-
-            def mended(log: Log, name: str = name, shift: float = -late) -> Log:
-                hold = model.plant.wire[name].flag
-                values = moved(shift, log.times, log.outputs[name], hold)
-                return replace(log, outputs={**log.outputs, name: values})
-
-            shift = _channel(log, name).shift - late
+    first = min(pairs, key=lambda name: wires[name].unit != position.unit)
+    lead = _late(log, first, pairs[first])
+    for name, pair in pairs.items():
+        # a position that was read later is one of a model that is slower
+        parts = np.arange(1 if name == first else PARTS_OF_ROW) / PARTS_OF_ROW
+        for after in (None, *(float(it) for it in log.interval * parts)):
+            read = partial(_read, name=name, after=after)
+            if _compared(model, read(log))[name].misfit < NO_BETTER * pair.misfit:
+                said, cure = "before", "leave out its after_command"
+                if after is not None:
+                    said, cure = "after", f'give it after_command = "{1e3 * after:.4g} ms"'
+                text = f"moves as if it was read {said} the command of its row was written: {cure}"
+                yield Mistake(f"{_column(log, name)} {text}", [name], read, everywhere=True)
+        late = _late(log, name, pair)
+        # early by a part of a row is read after its command; of a delay, all outputs are late
+        if -log.interval < late <= 0.0 or late * (late - 2.0 * lead) <= 0.0:
+            continue
+        channel, rows = _channel(log, name), late / log.interval
+        possible = math.floor(rows) + np.arange(PARTS_OF_ROW + 1) / PARTS_OF_ROW
+        for each in possible[possible != 0.0]:
+            since = (channel.after_command or 0.0) / log.interval - each  # the command of its row
+            by, part = math.floor(since) * log.interval, (since % 1.0) * log.interval
+            off = f"{in_time(abs(each * log.interval))} {'early' if each < 0.0 else 'late'}"
+            cure = f'give it shift = "{1e3 * (channel.shift + by):.4g} ms"'
+            exact = part == 0.0 and channel.after_command is None
+            cure += "" if exact else f' and after_command = "{1e3 * part:.4g} ms"'
             yield Mistake(
-                f"{_column(log, name)} is {in_time(abs(late))} {'late' if late > 0.0 else 'early'},"
-                f" while '{first}' is not: give it shift = \"{1e3 * shift:.4g} ms\"",
+                f"{_column(log, name)} is {off}, while '{first}' is not: {cure}",
                 [name],
-                mended,
+                partial(_read, name=name, after=None if exact else part, by=by),
                 everywhere=True,
             )
+
+
+def _read(log: Log, name: str, after: float | None, by: float = 0.0) -> Log:
+    """The log with an output that was read at another time in its row, and with stamps that are so
+    much earlier [s]; see ``Channel``."""
+    channel = replace(_channel(log, name), after_command=after)
+    values = moved(by, log.times, log.outputs[name], hold=False)
+    outputs, channels = {**log.outputs, name: values}, {**log.channels, name: channel}
+    return replace(log, outputs=outputs, channels=channels)
 
 
 def _late(log: Log, name: str, pair: _Pair) -> float:
-    """By how many seconds an output has to be read earlier to be much nearer; else 0."""
+    """By how many seconds an output is late beside the model, 0 where it is then hardly nearer."""
     times = log.times[outliers(log.outputs[name]) == 0.0]
-    shifts = log.interval * np.arange(-MOST_ROWS, MOST_ROWS + 1)
-    errors = [rms(moved(-it, times, pair.measured, False) - pair.response) for it in shifts]
+
+    def left(rows: float) -> float:
+        values = moved(-rows * log.interval, times, pair.measured, hold=False)
+        return rms(values - pair.response)
+
+    errors = np.array([left(row) for row in range(-MOST_ROWS, MOST_ROWS + 1)])
     best = int(np.argmin(errors))
-    return float(shifts[best]) if errors[best] < MUCH_NEARER * errors[MOST_ROWS] else 0.0
+    if len(log.times) < LEAST_ROWS or not 0 < best < 2 * MOST_ROWS:
+        return 0.0
+    before, least, after = errors[best - 1 : best + 2] ** 2
+    between = 0.5 * (before - after) / (before - 2.0 * least + after)  # vertex of a parabola
+    rows = min(best - MOST_ROWS, best - MOST_ROWS + between, key=left)
+    return float(rows * log.interval) if left(rows) < NO_BETTER * errors[MOST_ROWS] else 0.0
 
 
 # The nominal model beside a log
@@ -629,20 +650,25 @@ Tried = Mapping[Mistake, float]
 def questions(told: Description) -> tuple[Audit, ...]:
     """Audits of the logs, with the columns that contradict the model among the mistakes."""
     model, answer = told.model, answer_time(told.model)
+
+    def asked(log: Log) -> Iterator[Mistake]:
+        yield from mistaken_columns(model, log, answer)
+        yield from (it for it in _about_instants(model, log) if not it.is_settled(log))
+
     return tuple(
-        replace(it, mistakes=(*it.mistakes, *mistaken_columns(model, it.log, answer)))
+        replace(it, mistakes=(*it.mistakes, *asked(it.log)))
         for it in audits(told.logs, model.plant)
     )
 
 
 def tried(told: Description, asked: Sequence[Audit], workers: Workers = ALONE) -> Tried:
-    """Try every mistake of which another reading is known."""
-    return {
-        mistake: _left(told, log, mistake, workers)
-        for log, audit in zip(told.logs, asked)
-        for mistake in audit.mistakes
-        if mistake.mended
-    }
+    """Try every mistake of which another reading is known; what is said of several logs, once."""
+    errors: dict[Mistake, float] = {}
+    for log, audit in zip(told.logs, asked):
+        for mistake in audit.mistakes:
+            if mistake.mended and not (mistake.everywhere and mistake in errors):
+                errors[mistake] = _left(told, log, mistake, workers)
+    return errors
 
 
 def _left(told: Description, log: Log, mistake: Mistake, workers: Workers) -> float:
@@ -679,7 +705,7 @@ def likely(
             rivals = [errors[m] for m in audit.mistakes if m in errors and m.columns == it.columns]
             if it not in errors:
                 yield it
-            elif errors[it] <= min(most, STILL_FITS * min(rivals)) and it.columns not in said:
+            elif errors[it] <= min(most, ALIKE * min(rivals)) and it.columns not in said:
                 said.add(it.columns)
                 yield it
 

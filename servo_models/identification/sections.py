@@ -715,7 +715,7 @@ def _hidden(check: Check, reach: Detectability) -> str:
 def _alike(group: Group, plant: Plant) -> str:
     cures = list(group.experiments)
     if all(name in plant.parameters for name in group.names):
-        cures = ["fix one of them", *(cures if len(group.names) == 2 else [])]
+        cures = ["fix one that you know", *(cures if len(group.names) == 2 else [])]
     return f"{_names(group.names)}: {'; or '.join(cures or ['keep one of them'])}"
 
 

@@ -31,7 +31,7 @@ from servo_models.core.flat import noticed
 from servo_models.core.plant import Plant
 from servo_models.core.simulate import Model, check_grid, with_output
 from servo_models.core.stop import Stop
-from servo_models.core.types import Array, Mask
+from servo_models.core.types import Array
 from servo_models.data.log import Log, Start
 from servo_models.errors import UserError
 
@@ -212,9 +212,9 @@ class Run:
         return self.beginning.held(start), tuple((int(k), float(state[k])) for k in places)
 
     @cached_property
-    def after(self) -> Mask:
-        """Outputs of the plant that the log read after the command of each row was written."""
-        return self.log.read_after(self.model.plant.outputs)
+    def after(self) -> Array:
+        """When outputs of the plant were read, see ``Log.after_command``."""
+        return self.log.after_command(self.model.plant.outputs)
 
     @cached_property
     def _base(self) -> Array:
@@ -256,14 +256,20 @@ def _simulated(run: Run, vector: Array) -> Array:
 
 
 def at_readings(
-    run: Callable[[Array, Array], Array], times: Array, inputs: Array, after: Mask
+    run: Callable[[Array, Array], Array], times: Array, inputs: Array, after: Array
 ) -> Array:
-    """Return what a run reads in its rows, shape (n, outputs), with the command of the row before
-    or, ``after`` its own was written, with that one in the same state: a step of no length."""
-    if not after.any():
+    """Return what a run reads in its rows, shape (n, outputs): before the command of a row acts, or
+    so long ``after`` it [s], shape (outputs,); with 0, a step of no length, in the same state."""
+    later, place = np.unique(after[~np.isnan(after)], return_inverse=True)
+    if not len(later):
         return run(times, inputs)
-    both = run(np.repeat(times, 2), np.repeat(inputs, 2, axis=0))
-    return np.where(after, both[1::2], both[::2])
+    grid = np.concatenate([times, *(times + it for it in later)])
+    order = np.argsort(grid, kind="stable")  # a row comes before what is read with its command
+    out = np.empty((len(grid), len(after)))
+    out[order] = run(grid[order], inputs[np.searchsorted(times, grid[order], side="right") - 1])
+    part = np.zeros(len(after), dtype=int)
+    part[~np.isnan(after)] = 1 + place
+    return out.reshape(-1, *(len(times), len(after)))[part, :, np.arange(len(after))].T
 
 
 def prepared(model: Model, log: Log, steps: InternalSteps | None = None) -> Run:

@@ -199,6 +199,18 @@ def test_a_number_that_stands_for_no_reading_is_not_seen(tmp_path: Path) -> None
     assert log.outputs["angle"] == pytest.approx(line)
 
 
+def test_a_column_says_how_long_after_its_command_it_was_read(tmp_path: Path) -> None:
+    told = LOG.replace('"deg"', '"deg", after_command = "2 ms"')
+    (log,), (usual,) = (describe(tmp_path, it).logs for it in (told, LOG))
+    assert log.channels["angle"].after_command == 2e-3
+    assert usual.channels["angle"].after_command is None
+    assert np.array_equal(log.outputs["angle"], usual.outputs["angle"])
+    late = told.replace('"2 ms"', '"-2 ms"')
+    assert "outputs.angle.after_command: below 0; say by shift" in complaint(tmp_path, log=late)
+    command = LOG.replace('"V"', '"V", after_command = 0')
+    assert "leave after_command out" in complaint(tmp_path, log=command)
+
+
 def test_missing_is_for_outputs_and_not_for_every_row(tmp_path: Path) -> None:
     entry = MISSING.replace('unit = "V"', 'unit = "V", missing = 0')
     assert "an input has a value in every row" in complaint(tmp_path, log=entry)

@@ -20,7 +20,7 @@ import scipy.io
 from hypothesis import given
 from hypothesis import strategies as st
 
-from servo_models.core.simulate import model
+from servo_models.catalogue import model
 from servo_models.data.description import read_description
 from servo_models.data.parameters import read_parameters
 from servo_models.data.readers import read_columns

@@ -102,6 +102,20 @@ def test_a_confirmation_does_not_hang_on_the_effects_alone(case: tuple[Diagnosis
     assert loaded.rows[0].after > 10.0 * plainly.rows[0].after
 
 
+def test_what_is_read_after_its_command_is_confirmed_at_rows(case: tuple[Diagnosis, Told]) -> None:
+    """No host reads an output at a command: its error is that of the simulation."""
+    found, _ = case
+    (log,), taken = found.logs, found.selection.taken
+    angle = replace(log.channels["angle"], after_command=2e-3)
+    later = replace(log, channels={**log.channels, "angle": angle})
+    problem = Problem(found.model, [later], taken.problem.free, dict(found.floors))
+    selection = replace(found.selection, taken=replace(taken, problem=problem))
+    confirmed = confirm(found.fitted, selection, (later,))
+    assert confirmed.difference == 0.0
+    left = problem.runs[0].outputs(taken.values)[:, 0] - log.outputs["angle"]
+    assert confirmed.rows[0].after == pytest.approx(np.sqrt(np.mean(left[log.counted] ** 2)))
+
+
 SAID = {
     "no-gap": "No gap",
     "parameters": "Re-tuned parameters explain the gap",

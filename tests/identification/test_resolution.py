@@ -11,9 +11,8 @@ from servo_models.core.types import Array
 from servo_models.data.arrays import describe
 from servo_models.identification.check import check
 from servo_models.identification.fit import checked_logs
-from servo_models.identification.resolution import ROW, STEP, Blur, blurs, shifted_outputs
-from servo_models.identification.simulation import Run, prepared
-from tests.support.logs import changed, log_of
+from servo_models.identification.resolution import ROW, STEP, Blur, blurs
+from tests.support.logs import log_of
 
 PERIOD, NOISE, VOLTS = 2e-3, 1e-3, 0.01
 TIMES: Array = PERIOD * np.arange(2000)
@@ -76,34 +75,6 @@ def test_levels_that_were_commanded_are_no_steps_of_a_column() -> None:
 
 def test_an_input_that_rests_hides_nothing() -> None:
     assert not found(np.full(len(TIMES), 2.0))
-
-
-def reading(rows: int, torque_constant: float) -> tuple[Run, dict[str, float]]:
-    """A motor on steps of the voltage whose current is that of another row, and noise floors."""
-    motor, random = model("dc_motor", "direct"), np.random.default_rng(rows + 1)
-    held = np.repeat(random.uniform(-6.0, 6.0, 40), 50)
-    answers = simulate(
-        changed(motor, {"torque_constant": torque_constant}), TIMES, {"voltage": held}
-    )
-    floors = {"encoder_angle": NOISE, "current": 0.02}
-    outputs = {
-        "encoder_angle": answers["encoder_angle"],
-        "current": np.roll(answers["current"], rows),
-    }
-    noisy = {
-        name: values + floors[name] * random.standard_normal(len(values))
-        for name, values in outputs.items()
-    }
-    return prepared(motor, log_of(TIMES, {"voltage": held}, noisy)), floors
-
-
-@pytest.mark.parametrize("torque_constant", [0.03, 0.032])
-@pytest.mark.parametrize(("rows", "shift"), [(1, "-2 ms"), (0, ""), (-1, "2 ms")])
-def test_a_current_of_another_row_is_told(rows: int, shift: str, torque_constant: float) -> None:
-    run, floors = reading(rows, torque_constant)
-    told = list(shifted_outputs([run], {}, floors))
-    assert len(told) == abs(rows)
-    assert all("'current'" in text and f'shift = "{shift}"' in text for text in told)
 
 
 @pytest.mark.thorough

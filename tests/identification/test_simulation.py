@@ -1,4 +1,5 @@
-"""The internal step of a search: as long as the noise allows, and no longer."""
+"""Outputs at the instants at which they were read; the internal step of a search, as long as the
+noise allows."""
 
 from __future__ import annotations
 
@@ -8,17 +9,18 @@ from typing import Annotated
 import numpy as np
 import pytest
 
-from servo_models.catalogue import model
+from servo_models.analysis.simulate import simulate
+from servo_models.catalogue import actuators, model
 from servo_models.core.block import Param, block
 from servo_models.core.plant import Actuator, Plant, State, Variant, Wire
 from servo_models.core.simulate import Model
 from servo_models.core.types import Array
-from servo_models.data.log import Log
+from servo_models.data.log import Channel, Log
 from servo_models.errors import UserError
 from servo_models.identification.problem import Problem, free_parameter
 from servo_models.identification.simulation import SHARE, VISIBLE, InternalSteps, prepared
 from tests.support.bench import step_constant
-from tests.support.logs import log_of
+from tests.support.logs import changed, log_of
 
 INTERVAL, OWN, TAU = 0.2, 1e-3, 0.25
 TIMES = INTERVAL * np.arange(101)
@@ -197,3 +199,78 @@ def test_a_filter_beside_a_delay_takes_no_further_steps(name: str) -> None:
         for lag in (0.0, 0.045)
     ]
     assert steps[1] <= 1.1 * steps[0]
+
+
+# When in its row an output was read
+
+
+def read_at(rig: Model, times: Array, inputs: dict[str, Array], after: dict[str, float]) -> Array:
+    """Outputs in rows that were read so long after the command of their row [s]."""
+    names = rig.plant.outputs
+    channels = {it: Channel(it, it, "", after_command=after.get(it)) for it in names}
+    log = log_of(times, inputs, {it: np.zeros(len(times)) for it in names}, channels=channels)
+    return prepared(rig, log).outputs({})
+
+
+def uneven(step: float, seed: int = 0) -> Array:
+    rows = step * np.cumsum(np.random.default_rng(seed).uniform(0.5, 1.5, 200))
+    return np.asarray(rows - rows[0])
+
+
+@pytest.mark.parametrize("times", [5e-3 * np.arange(200), uneven(5e-3)], ids=["even", "uneven"])
+def test_what_is_read_after_its_command_obeys_the_law_of_the_motor(times: Array) -> None:
+    """Without an inductance V = R i + k w; just before it the command of the row before is V."""
+    rig = changed(model("dc_motor", "direct"), {"winding_lag.time_constant": 0.0})
+    voltage = np.repeat(np.random.default_rng(1).uniform(-6.0, 6.0, 40), 5)
+    ohm, k = rig.values["resistance"], rig.values["torque_constant"]
+    for after, acting in ({}, np.append(0.0, voltage)[:-1]), ({"current": 0.0}, voltage):
+        found = dict(zip(rig.plant.outputs, read_at(rig, times, {"voltage": voltage}, after).T))
+        law = (acting - k * found["rate"]) / ohm
+        np.testing.assert_allclose(found["current"][1:], law[1:], rtol=0, atol=1e-9)
+
+
+def test_outputs_are_read_at_instants_of_their_own() -> None:
+    """As of a simulation that has rows there; an instant may lie beyond the next row."""
+    rig, times = model("dc_motor_speed", "direct"), uneven(5e-3)
+    speed = np.repeat(np.random.default_rng(2).uniform(-9.0, 9.0, 50), 4)
+    after = {"current": 1.3e-3, "encoder_angle": 7.1e-3}
+    found = dict(zip(rig.plant.outputs, read_at(rig, times, {"speed_command": speed}, after).T))
+    for name in rig.plant.outputs:
+        instants = times + after.get(name, 0.0)
+        grid = np.union1d(times, instants)
+        held = speed[np.searchsorted(times, grid, side="right") - 1]
+        there = simulate(rig, grid, {"speed_command": held})[name]
+        expected = there[np.searchsorted(grid, instants)]
+        np.testing.assert_allclose(found[name], expected, rtol=0, atol=1e-6 * np.ptp(expected))
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", actuators())
+@pytest.mark.parametrize("times", [0.01 * np.arange(200), uneven(7e-3)], ids=["even", "uneven"])
+def test_a_reading_with_its_command_changes_no_other_bit(name: str, times: Array) -> None:
+    """Nor does it move memories and clocks, whichever effect is on; plain Python does the same."""
+    chosen = model(name)
+    main, size = chosen.step
+    rest = float(chosen.plant.wire[main].rest)
+    shape = np.repeat(np.random.default_rng(3).uniform(-0.5, 1.0, 40), 5)
+    inputs = {main: rest + np.abs(shape) * (size - rest)}
+    last = chosen.plant.outputs[-1]
+    columns = [
+        inputs.get(wire.name, np.full(len(times), float(wire.rest))) for wire in chosen.plant.inputs
+    ]
+    for effect in sorted({it.owner for it in chosen.plant.parameters.values()}):
+        switches = {
+            it: parameter.param.typical or parameter.param.high
+            for it, parameter in chosen.plant.parameters.items()
+            if effect and parameter.owner == effect and parameter.param.switch
+        }
+        rig = changed(chosen, switches)
+        usual, read = read_at(rig, times, inputs, {}), read_at(rig, times, inputs, {last: 0.0})
+        assert np.array_equal(usual[:, :-1], read[:, :-1]), effect
+        start, step = rig.stepper()
+        x, plain, rows = start(), [], np.column_stack(columns).tolist()
+        for k, time in enumerate(times):
+            if k:
+                step(x, rows[k - 1], times[k - 1], time - times[k - 1])
+            plain.append(step(x, rows[k], time, 0.0)[1][-1])
+        np.testing.assert_allclose(read[:, -1], plain, rtol=1e-12, atol=1e-12, err_msg=effect)

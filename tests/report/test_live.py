@@ -19,7 +19,7 @@ from servo_models.catalogue import model
 from servo_models.core.js_text import js_model
 from servo_models.core.simulate import Model
 from servo_models.core.types import Array
-from servo_models.data.log import Log, Start
+from servo_models.data.log import Channel, Log, Start
 from servo_models.identification.live import live_logs
 from servo_models.identification.simulation import prepared
 from servo_models.report.live import Live, LiveModel, scripts
@@ -78,6 +78,7 @@ BEGINNINGS = {
         "settle": 0.3,
         "start": Start({"angle": 0.0, "rate": 0.0}, {"pulse_width": 1.5e-3}, True),
     },
+    "read after its command": {"channels": {"angle": Channel("angle", "", "", after_command=3e-3)}},
     "with a constant": {"constants": {"load_torque": 0.01, "motor_gain": 40.0}},
 }
 

@@ -160,7 +160,7 @@ class _Bench:
                 wires[:, i] = now + moment * (following - now) + offset * np.ptp(now)
         if len(run.times) > len(wires):
             wires = np.vstack([wires[:1], wires])
-        given, after = np.column_stack([run.inputs, wires]), log.read_after(plant.outputs)
+        given, after = np.column_stack([run.inputs, wires]), log.after_command(plant.outputs)
         out = at_readings(chosen.run, run.times, given, after)
         return np.asarray(out[-len(log.times) :, plant.outputs.index(self.name)])
 

@@ -220,8 +220,8 @@ def read_table(entry: Section, bench: Bench) -> tuple[Path, str, dict[str, Array
                 entry.fail(name, f"missing; write for example {example}")
             continue
         mapped = map_signal(entry, name, wire, None)
-        if mapped.table or mapped.channel.shift or mapped.channel.after:
-            entry.fail(name, "table, shift and read belong to columns of logs; leave them out")
+        if mapped.table or mapped.channel.shift:
+            entry.fail(name, "table and shift of a column belong to logs; leave them out")
         values, where = in_si(mapped, cells.numbers(mapped.column)), cells.where(mapped.column)
         check_size(mapped, cells, np.arange(len(values)), values, wire)
         if len(values) < bench.rows:

@@ -106,7 +106,7 @@ class LiveRun:
         placed: places in the state and their values, where the log begins in motion; as ``held``.
         constants: parameters that are stated for this log, by name.
         stretches: names with the times of the file [s] between which they lie.
-        after: outputs that were read after the command of their row was written.
+        after: times [s] from the command of a row until outputs were read, by name.
         note: the part of the log that is left out, in words; "" for none.
     """
 
@@ -121,7 +121,7 @@ class LiveRun:
     placed: tuple[tuple[tuple[int, float], ...], ...] = ()
     constants: dict[str, float] = field(default_factory=dict)
     stretches: tuple[tuple[str, float, float], ...] = ()
-    after: tuple[str, ...] = ()
+    after: dict[str, float] = field(default_factory=dict)
     note: str = ""
 
 

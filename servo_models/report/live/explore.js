@@ -288,7 +288,7 @@ globalThis.servoExplorer = class {
             placed: [],
             constants: {},
             stretches: [],
-            after: [],
+            after: {},
             note: `Before it begins, its first row is held for ${model.duration} s.`,
         });
         this.described(

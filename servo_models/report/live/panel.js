@@ -113,7 +113,7 @@ element ``live-data``.  Texts of logs and models are only ever set as text, so n
             placed: [],
             constants: {},
             stretches: [],
-            after: [],
+            after: {},
             note: "",
         };
     }
@@ -141,9 +141,8 @@ element ``live-data``.  Texts of logs and models are only ever set as text, so n
         for (const [name, value] of Object.entries(run.constants)) p[model.place.get(name)] = value;
         const of = (sets) => sets[Math.min(set, sets.length - 1)];
         const told = run.settled ?? run,
-            again = run.after.length ? 2 : 1, // each row before its command is written, and with it
-            times = repeated(told.times, 1, again),
-            inputs = repeated(told.inputs, model.inputs.length, again),
+            later = Object.values(run.after),
+            { order, times, inputs } = instants(told, later, model.inputs.length),
             rows = times.length;
         const x = program.start(p),
             out = new Float64Array(rows * width);
@@ -162,11 +161,31 @@ element ``live-data``.  Texts of logs and models are only ever set as text, so n
         if (code) {
             return { why: model.faults[code] ?? "its numbers are no longer finite" };
         }
-        const skipped = told.times.length - run.times.length,
-            place = ({ name }, k) => (run.after.includes(name) ? width + k : k);
+        const count = told.times.length,
+            names = Object.keys(run.after);
         return {
-            columns: model.outputs.map((it, k) => column(out, place(it, k), again * width, skipped)),
+            columns: model.outputs.map(({ name }, k) => {
+                const first = count * (names.indexOf(name) + 2) - run.times.length;
+                return run.times.map((_, row) => out[order[first + row] * width + k]);
+            }),
         };
+    }
+
+    /* Rows of a run and instants so much later, in the order of time; ``order`` has the place of each. */
+    function instants({ times, inputs }, later, width) {
+        if (!later.length) return { order: times.map((_, k) => k), times, inputs };
+        const count = times.length,
+            at = [0, ...later].flatMap((wait) => Array.from(times, (time) => time + wait)),
+            sorted = at.map((_, k) => k).sort((a, b) => at[a] - at[b] || a - b),
+            order = new Float64Array(at.length),
+            held = new Float64Array(at.length * width);
+        let row = 0;
+        sorted.forEach((k, place) => {
+            order[k] = place;
+            while (row + 1 < count && times[row + 1] <= at[k]) row++;
+            held.set(inputs.subarray(row * width, (row + 1) * width), place * width);
+        });
+        return { order, times: Float64Array.from(sorted, (k) => at[k]), inputs: held };
     }
 
     /* Let the engine compile a model while the reader looks: short runs, between which the page answers. */
@@ -188,17 +207,10 @@ element ``live-data``.  Texts of logs and models are only ever set as text, so n
         setTimeout(more, 100);
     }
 
-    function repeated(table, width, count) {
-        const found = new Float64Array(count * table.length);
-        for (let k = 0; k < found.length; k++)
-            found[k] = table[Math.floor(k / (count * width)) * width + (k % width)];
-        return found;
-    }
-
-    function column(table, k, width, skipped) {
-        const found = new Float64Array(table.length / width - skipped);
+    function column(table, k, width) {
+        const found = new Float64Array(table.length / width);
         for (let row = 0; row < found.length; row++)
-            found[row] = table[(row + skipped) * width + k];
+            found[row] = table[row * width + k];
         return found;
     }
 
@@ -587,7 +599,7 @@ element ``live-data``.  Texts of logs and models are only ever set as text, so n
             const input = this.shownInput,
                 width = model.inputs.length;
             const lower = input
-                ? [times(input.scale, column(run.inputs, model.inputs.indexOf(input), width, 0))]
+                ? [times(input.scale, column(run.inputs, model.inputs.indexOf(input), width))]
                 : this.errors.map(shown);
             for (const [drawn, data] of [
                 [this.above, upper],
