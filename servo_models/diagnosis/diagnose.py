@@ -193,8 +193,9 @@ def _diagnose(
             # beside what commands may have done, two noise floors are much
             enough = min(tolerance, settings.enough_floors)
             again = select_effects(unsure, left_out, tell, enough) if unsure else selection
-            if unsure and again.taken.deviance < selection.taken.deviance:
-                fitter, selection, verdict, parts = unsure, again, decide(again, enough), ()
+            likelier = unsure and again.taken.deviance < selection.taken.deviance
+            if unsure and likelier and (said := decide(again, enough)).kind != OUTSIDE:
+                fitter, selection, verdict, parts = unsure, again, said, ()
             lacking.remove(BETWEEN_ROWS)
     # what does not follow the command is no curve of what the actuator does
     shaped = verdict.kind == OUTSIDE and verdict.locked.follows and not parts
