@@ -55,7 +55,7 @@ class Blur:
 
     Attributes:
         log: its name.
-        column: the input, or that of the time.
+        column: the input, or ``"time"``.
         why: ``"step"``: it is written in steps; ``"row"``: a change is logged at the next row;
             ``"stamp"``: rows are stamped late, as far as readings tell.
         size: of that step [SI], the median interval between rows [s], or the longest delay [s].
@@ -140,7 +140,7 @@ def _copies(
     each with when it was read; so of stamps that may be late."""
     if (delays := unsure_delays(log)) is not None:
         off = (random.permutation(delays) for _ in range(COPIES))
-        yield log.channels["time"].column, STAMP, delays.max(), [(log, log.times - d) for d in off]
+        yield "time", STAMP, float(delays.max()), [(log, log.times - it) for it in off]
     for name, values in log.inputs.items():
         changes = np.flatnonzero(np.diff(values)) + 1
         if not len(changes):
