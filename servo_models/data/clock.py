@@ -311,15 +311,28 @@ def stamped_late(times: Array, readings: Iterable[Array]) -> Late | None:
     Source: a period in events, Mardia, Jupp, Directional Statistics (2000), sec. 6.3 (Rayleigh
     test); delays above a least one, exponential: the tick after which they are shortest.
     """
-    late = _late(times)
+    late, surest = _late_and_surest(times, readings)
+    return late if surest > SURELY_SMOOTHER else None
+
+
+def unsure_delays(log: Log) -> Array | None:
+    """Return the delays [s] with which rows may have been stamped, in some order, where readings do
+    not tell whether they were; None where they tell, and where stamps follow no clock."""
+    late, surest = _late_and_surest(log.times, log.outputs.values())
+    return late.delays if late and abs(surest) <= SURELY_SMOOTHER else None
+
+
+def _late_and_surest(times: Array, readings: Iterable[Array]) -> tuple[Late | None, float]:
+    """The even clock that stamps follow, and by how many standard errors the most significant
+    reading is smoother over it than over the stamps."""
+    late, surest = _late(times), 0.0
     if late is None:
-        return None
-    surest = 0.0
+        return None, surest
     for values in readings:
         gains = _gains(values, times / late.period, late.times / late.period)
         surer = float(gains.sum()) / max(math.sqrt(float(gains @ gains)), 1e-300)
         surest = max(surest, surer, key=abs)
-    return late if surest > SURELY_SMOOTHER else None
+    return late, surest
 
 
 def _late(times: Array) -> Late | None:
@@ -389,6 +402,7 @@ GAP = 1.5  # step over the usual one above which samples are lost
 STAMPS = 3  # different steps that time stamps need to show their digits, 0 among them
 COARSE_STAMPS_PER_STEP = 0.3  # step of the stamps over the usual step from which stamps are coarse
 JITTERY = 0.2  # standard deviation of the sampling step over its mean, from which rows are uneven
+USUAL_STEPS = 0.95  # share of uneven steps that are the usual ones
 SHORT_STEPS = 3  # steps below the usual one that show rounding: a lost row only makes steps longer
 LONG_STEPS = 0.1  # share of steps one stamp longer than usual above which they show rounding
 USUAL_ROWS = 33  # rows about a step that tell the usual one: a clock may wander
@@ -431,13 +445,16 @@ class Sampling:
 
 
 def lost_rows(log: Log) -> NDArray[np.int64]:
-    """Return the samples after which rows are surely missing: none where rows are uneven."""
+    """Return the samples after which rows are missing; where rows are uneven, those after which
+    they may be, since no more than a few steps are longer."""
     steps = np.diff(log.times)
     if len(steps) < STAMPS:
         return np.empty(0, dtype=np.int64)
     lost, *_ = _lost(steps)
     kept = np.delete(steps, lost)
-    return lost if kept.std() <= JITTERY * kept.mean() else lost[:0]
+    if kept.std() <= JITTERY * kept.mean():
+        return lost
+    return np.flatnonzero(steps > (1.0 + ROUNDING) * np.quantile(steps, USUAL_STEPS))
 
 
 def _lost(steps: Array) -> tuple[NDArray[np.int64], float, bool]:

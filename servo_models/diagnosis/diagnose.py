@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from servo_models.core.plant import check_known
@@ -177,19 +178,25 @@ def _diagnose(
     selection = select_effects(fitter, left_out, tell, tolerance)
     verdict = decide(selection, tolerance)
     parts: tuple[Part, ...] = ()
-    lacking = [BETWEEN_ROWS, PARTS] if verdict.kind == OUTSIDE else []
+    lacking = [BETWEEN_ROWS] if verdict.lacks or selection.taken.effects else []
+    lacking += [PARTS] if verdict.kind == OUTSIDE else []
     if lacking:
         with stop.search():
             stop.check()
-            unsure = fitter.unsure_between_rows((selection.retuned, selection.taken))
+            if verdict.kind == OUTSIDE:
+                explain = partial(select_effects, left_out=left_out, tell=tell, tolerance=tolerance)
+                parts = unlike_parts(fitter, selection, lambda part: explain(part).taken)
+                lacking.remove(PARTS)
+            models = (selection.retuned, selection.taken)[: 1 + verdict.lacks]
+            told_apart = any(part.sure for part in parts)
+            unsure = None if told_apart else fitter.unsure_between_rows(models, selection.taken)
             # beside what commands may have done, two noise floors are much
             enough = min(tolerance, settings.enough_floors)
             again = select_effects(unsure, left_out, tell, enough) if unsure else selection
-            if unsure and (said := decide(again, enough)).kind != OUTSIDE:
-                fitter, selection, verdict = unsure, again, said
+            likelier = unsure and again.taken.deviance < selection.taken.deviance
+            if unsure and likelier and (said := decide(again, enough)).kind != OUTSIDE:
+                fitter, selection, verdict, parts = unsure, again, said, ()
             lacking.remove(BETWEEN_ROWS)
-            parts = unlike_parts(fitter, selection) if verdict.kind == OUTSIDE else ()
-            lacking.remove(PARTS)
     # what does not follow the command is no curve of what the actuator does
     shaped = verdict.kind == OUTSIDE and verdict.locked.follows and not parts
     learns = shaped and not stop.passed
@@ -224,6 +231,7 @@ def _diagnose(
         seed=seed,
         parts=parts,
         between_rows=fitter.between_rows,
+        blurs=fitter.blurs(selection.taken) if verdict.lacks and not stop.passed else (),
         mistake=mistake,
         unfinished=(*selection.unfinished, *lacking),
     )

@@ -169,7 +169,13 @@ def _confidence_set(diagnosis: Diagnosis) -> schema.ConfidenceSet:
 def _part(part: Part) -> schema.ExplainedPart:
     value = part.value
     return schema.ExplainedPart(
-        part.log, part.half or None, value.name, value.value, value.standard_error, part.left
+        part.log,
+        part.half or None,
+        value.name,
+        value.value,
+        value.standard_error,
+        part.left,
+        part.sure,
     )
 
 

@@ -29,7 +29,6 @@ from servo_models.diagnosis.settings import Settings
 from servo_models.diagnosis.stretches import HeldOut, Part, contradicted, gains
 from servo_models.diagnosis.verdict import (
     NO_GAP,
-    OUTSIDE,
     PARAMETERS,
     Verdict,
     parameters_explain,
@@ -37,7 +36,7 @@ from servo_models.diagnosis.verdict import (
 )
 from servo_models.files import write_with
 from servo_models.identification.readings import Reading, reading
-from servo_models.identification.resolution import Blur, blurs
+from servo_models.identification.resolution import BLAMED, ROW, Blur, could_carry
 from servo_models.report.result import Result
 
 if TYPE_CHECKING:
@@ -75,6 +74,8 @@ class Diagnosis(Parametrised, Result):
             together they are not; none otherwise.
         between_rows: commands may have been sent any time before the rows that have them: then, and
             not else, the verdict explains the logs.
+        blurs: what nobody knows of columns does to what the model simulates, where more than noise
+            is left.
         flags: outputs of the logs that say yes or no, which are not judged.
         seed: of intervals and random commands.
         confirmation: the diagnosed model run as an FMU, None where nobody asked or it cannot be.
@@ -104,6 +105,7 @@ class Diagnosis(Parametrised, Result):
     residual_map: ResidualMap | None = None
     parts: tuple[Part, ...] = ()
     between_rows: bool = False
+    blurs: tuple[Blur, ...] = ()
     flags: tuple[str, ...] = ()
     seed: int = 0
     confirmation: Confirmation | None = None
@@ -179,15 +181,17 @@ class Diagnosis(Parametrised, Result):
             return (1.0,) * len(self.undecided)
         return tuple(weights[one.effects] for one in self.undecided)
 
-    @cached_property
-    def blurs(self) -> tuple[Blur, ...]:
-        """What the resolution of the inputs' columns may do, where something is left that no effect
-        explains."""
-        if self.verdict.kind != OUTSIDE or self.unfinished:
-            return ()
-        taken = self.selection.taken
-        with taken.problem.workers as workers:
-            return blurs(self.model, taken.problem.logs, self.floors, taken.values, workers)
+    @property
+    def carried(self) -> dict[str, float]:
+        """How much of what is left commands between rows, steps of a column and late stamps may
+        carry [noise floors], by reason, the most first: where that is much and not noise."""
+        left, could = self.gap.rms["after"], could_carry(self.blurs, self.logs)
+        said = [ROW] if self.between_rows else []  # the verdict supposes it
+        return {
+            why: min(far, left)
+            for why, far in could.items()
+            if far >= BLAMED * left and why not in said
+        }
 
     @property
     def doubted(self) -> tuple[str, ...]:

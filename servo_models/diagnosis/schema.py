@@ -235,9 +235,8 @@ class LearntMap(Document, frozen=True):
 
 
 class ExplainedPart(Document, frozen=True):
-    """A log, or a half of one, that is explained by parameters of its own where all together are
-    not, with the parameter that differs most [SI]: two actuators, or one that was changed. None
-    otherwise."""
+    """A log, or a half of one, of which parameters of its own leave far less than all together do,
+    with the one that differs most [SI]: two actuators, or one that was changed. None otherwise."""
 
     log: str
     half: Annotated[str, choice("first", "second")] | None
@@ -245,6 +244,7 @@ class ExplainedPart(Document, frozen=True):
     value: float
     standard_error: Figure
     left: Annotated[float, about("RMS in noise floors.")]
+    sure: Annotated[bool, about("No part leaves more than noise.")]
 
 
 class Explanation(Document, frozen=True):

@@ -10,12 +10,13 @@ An effect that acts differently in each may look the same, so that is said as we
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 
+from servo_models.analysis.statistics import rms
 from servo_models.core.types import Array
 from servo_models.data.log import Log
 from servo_models.diagnosis.localisation.breakdown import grows
@@ -27,6 +28,7 @@ from servo_models.diagnosis.search.selection import Selection
 from servo_models.identification.problem import Problem
 from servo_models.report.document import Document, Unbounded
 
+FAR_LESS = 0.7  # RMS of parts by themselves over that of all together, from which they may differ
 APART_ERRORS = 5.0  # combined standard errors between parts beyond which a parameter has changed
 
 
@@ -113,56 +115,62 @@ def contradicted(scores: Sequence[HeldOut], least_gain: float) -> bool:
 
 @dataclass(frozen=True)
 class Part:
-    """A log or a half of one, explained by itself.
+    """A log or a half of one, fitted by itself.
 
     Attributes:
         log: its name.
         half: ``"first"``, ``"second"``, or ``""`` for the whole log.
         value: of the parameter that differs most between parts.
         left: RMS [noise floors] that the model leaves there.
+        sure: each part is explained by parameters of its own; else each is merely far nearer.
     """
 
     log: str
     half: str
     value: Value
     left: float
+    sure: bool
 
 
-def unlike_parts(fitter: Fitter, selection: Selection) -> tuple[Part, ...]:
-    """Return parts each of which parameters alone explain if they are its own, or they and the
-    effects that were taken; none where a part is not explained, or no parameter differs surely."""
-    fitter, parts = fitter.surveyed(), _parts(fitter.logs)
-    for model in dict.fromkeys((selection.retuned, selection.taken)):
-        fitted = list(_fitted(fitter, parts, model)) if model.problem.free else []
-        if fitted and len(fitted) == len(parts):
-            return tuple(
-                Part(log.name, half, value, alone.evidence.rms)
-                for (log, half), alone, value in zip(parts, fitted, _most_apart(fitted))
+def unlike_parts(
+    fitter: Fitter, selection: Selection, explain: Callable[[Fitter], FittedModel]
+) -> tuple[Part, ...]:
+    """Return logs, or halves of them, of which parameters alone leave noise only if they are their
+    own, or they and the effects that were taken, or those that ``explain`` the first part.  Where
+    something is left, parts of which far less is left; none where no parameter differs surely."""
+    fitter, possible = fitter.surveyed(), tuple[Part, ...]()
+    logs = [log for log in fitter.logs if log.fitted.any()]
+    halves = [half for log in logs for half in _halves(log)]
+    for parts in ([(log, "") for log in logs], halves)[len(logs) == 1 :]:
+        each = [replace(fitter, logs=(log,)) for log, _ in parts]
+        least, models = FAR_LESS * selection.taken.evidence.rms, [selection.taken]
+        if selection.retuned is not selection.taken:
+            models.insert(0, selection.retuned)
+        for model in models:
+            fitted = [alone.fit_from(model) for alone in each if model.problem.free]
+            left = np.array([one.evidence.rms for one in fitted])
+            if not fitted or rms(left) > least:
+                continue
+            sure = left.max() <= fitter.settings.enough_floors
+            sure = sure and not any(lacks(one, one) for one in fitted)
+            told = tuple(
+                Part(log.name, half, value, one.evidence.rms, sure)
+                for (log, half), one, value in zip(parts, fitted, _most_apart(fitted))
             )
-    return ()
+            if told and sure:
+                return told
+            possible = possible or told
+            if model is selection.taken:
+                models.append(explain(each[0]))  # beside what differs, an effect is not seen
+    return possible
 
 
-def _parts(logs: Sequence[Log]) -> list[tuple[Log, str]]:
-    """Logs that a fit sees, or the halves of what it sees of a single one."""
-    seen = [log for log in logs if log.fitted.any()]
-    if len(seen) > 1:
-        return [(log, "") for log in seen]
-    (log,) = seen
+def _halves(log: Log) -> list[tuple[Log, str]]:
+    """The halves of what a fit sees of a log."""
     rows = np.flatnonzero(log.fitted)
     early = np.arange(len(log.times)) < rows[len(rows) // 2]
     halves = ((~early, "first"), (early, "second"))
     return [(replace(log, skipped=~log.counted | unseen), name) for unseen, name in halves]
-
-
-def _fitted(
-    fitter: Fitter, parts: Sequence[tuple[Log, str]], model: FittedModel
-) -> Iterator[FittedModel]:
-    """The model fitted to each part, up to one that it does not explain."""
-    for log, _ in parts:
-        alone = replace(fitter, logs=(log,)).fit_from(model)
-        if lacks(alone, alone) or alone.evidence.rms > fitter.settings.enough_floors:
-            return
-        yield alone
 
 
 def _most_apart(fitted: Sequence[FittedModel]) -> list[Value]:

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from servo_models.analysis.experiment import display
+from servo_models.analysis.experiment import display, in_time
 from servo_models.data.audit import EXACT
 from servo_models.data.sensor import REPEATS
 from servo_models.diagnosis.gap import GapSummary, not_followed
@@ -17,7 +17,7 @@ from servo_models.diagnosis.search.masking import MaskedEffect
 from servo_models.diagnosis.search.residuals import LEAST_SAMPLES
 from servo_models.diagnosis.search.screening import Detectability
 from servo_models.diagnosis.search.selection import RETUNING
-from servo_models.diagnosis.stretches import HeldOut, held_out_outputs
+from servo_models.diagnosis.stretches import HeldOut, Part, held_out_outputs
 from servo_models.diagnosis.verdict import (
     EFFECT,
     EFFECTS,
@@ -34,12 +34,17 @@ from servo_models.identification.doubts import (
     together,
     with_display,
 )
-from servo_models.identification.resolution import supposed
+from servo_models.identification.resolution import ROW, STAMP, STEP
 from servo_models.identification.simulation import false_starts
-from servo_models.report.numbers import listed, number, plural, prefix
+from servo_models.report.numbers import listed, number, plural, prefix, with_unit
 
 SEEN = 1.0  # movement [noise floors] from which logs can show an effect
 BLOCKS = "blocks that a fit left out"
+CURES = {
+    ROW: "log each with the time at which it is sent",
+    STEP: "log it as finely as it is sent",
+    STAMP: "stamp each reading when it is taken",
+}
 ELSEWHERE = 2.0  # error of a log held out over that of the others: something else acts there
 UNLIKE = 3.0  # spread of repeats over scatter of samples that is hardly noise of a reading
 MOTION = 0.5  # share of a noise floor, found without noise, from which it is doubtful
@@ -48,8 +53,10 @@ MOST_ALTERNATIVES = 3  # alternatives of a confidence set that a sentence names
 
 
 def sentence(diagnosis: Diagnosis) -> str:
-    """Return the verdict in one sentence, with what only another experiment would show."""
+    """Return the verdict in one sentence, with what only another experiment would show, and what
+    columns may be blamed for in others."""
     kind, said = diagnosis.verdict.kind, headline(diagnosis)
+    blamed = "".join(f" {text[0].upper()}{text[1:]}." for text in carried(diagnosis))
     before, retuned = diagnosis.gap.rms["before"], diagnosis.gap.rms["retuned"]
     first = f"held out, {unseen}; " if (unseen := held_out(diagnosis)) else ""
     if kind == NO_GAP:
@@ -59,14 +66,16 @@ def sentence(diagnosis: Diagnosis) -> str:
             f" {allowed}{elsewhere(diagnosis)}."
         )
     if kind in (NOT_IDENTIFIABLE, OUTSIDE):
-        return f"{said}; {first}{change(diagnosis)}{elsewhere(diagnosis)}{shape(diagnosis)}."
+        return (
+            f"{said}; {first}{change(diagnosis)}{elsewhere(diagnosis)}{shape(diagnosis)}.{blamed}"
+        )
     alone = (
         f", parameters alone leave {retuned:.3g}" if diagnosis.moved and kind != PARAMETERS else ""
     )
     ends = (
         f"{alone}{rivals(diagnosis)}{rest(diagnosis)}{not_shown(diagnosis)}{elsewhere(diagnosis)}"
     )
-    return f"{said}: {first}{change(diagnosis)}{ends}."
+    return f"{said}: {first}{change(diagnosis)}{ends}.{blamed}"
 
 
 def rest(diagnosis: Diagnosis) -> str:
@@ -155,9 +164,10 @@ def _headline(diagnosis: Diagnosis) -> str:
         best = f"with the nearest, {placed(diagnosis, taken)}" if taken else alone
         if unfinished:
             return f"{best}, something is left"
-        if diagnosis.parts:
+        if any(part.sure for part in diagnosis.parts):
             return _apart(diagnosis)
-        return f"Outside the catalogue: {best}, something is left{none_explains(diagnosis)}"
+        apart = f"; perhaps it is {text}" if (text := _differs(diagnosis)) else ""
+        return f"Outside the catalogue: {best}, something is left{none_explains(diagnosis)}{apart}"
     beside = "".join(f", and {text}" for text in surprises(diagnosis))
     comes, explains = ("comes", "explains") if kind == EFFECT else ("come", "explain")
     if why := not_asserted(diagnosis):
@@ -169,19 +179,27 @@ def _headline(diagnosis: Diagnosis) -> str:
 
 def _apart(diagnosis: Diagnosis) -> str:
     """What differs between parts that are explained each by itself."""
+    text = _differs(diagnosis)
+    return f"{text[0].upper()}{text[1:]}"
+
+
+def _differs(diagnosis: Diagnosis) -> str:
+    """Return what differs most between parts, "" without any."""
+    if not diagnosis.parts:
+        return ""
     parts = sorted(diagnosis.parts, key=lambda one: one.value.value)
-    least, most = parts[0], parts[-1]
-    parameter = diagnosis.model.plant.parameters[least.value.name]
-    low, high = (with_display(parameter, one.value.value) for one in (least, most))
-    if least.half:
-        return (
-            f"It changed midway, it seems: '{parameter.name}' is {low} in the {least.half} half of"
-            f" log '{least.log}' and {high} in the {most.half}"
-        )
-    return (
-        f"Not one actuator, it seems: '{parameter.name}' is {low} in log '{least.log}' and {high}"
-        f" in log '{most.log}'"
+    parameter = diagnosis.model.plant.parameters[parts[0].value.name]
+    low, high = (
+        f"{with_display(parameter, one.value.value)} in {half(one)}log '{one.log}'"
+        for one in (parts[0], parts[-1])
     )
+    changed = parts[0].half and parts[0].log == parts[-1].log
+    what = "changed midway" if changed else "not one actuator"
+    return f"{what}: '{parameter.name}' is {low} and {high}"
+
+
+def half(part: Part) -> str:
+    return f"the {part.half} half of " if part.half else ""
 
 
 def not_asserted(diagnosis: Diagnosis) -> str:
@@ -459,21 +477,33 @@ def _sought(diagnosis: Diagnosis) -> str:
 
 
 def _about_columns(diagnosis: Diagnosis) -> Iterator[str]:
-    """Columns of inputs whose resolution alone may be what is left."""
+    """What columns do not tell, and may be what is left."""
     if diagnosis.between_rows:
         yield (
             "these logs are explained only if commands were sent some time before the rows that"
             " have them: log each with the time at which it is sent, and diagnose again"
         )
-    for blur in diagnosis.blurs:
-        output = max(blur.moves, key=lambda name: blur.moves[name])
-        if blur.largest >= diagnosis.gap.rms["after"]:
-            yield (
-                f"log '{blur.log}': if '{blur.column}' was"
-                f" {supposed(blur, diagnosis.model.plant)}, that alone moves '{output}' by"
-                f" {blur.largest:.2g} noise floors, and so much is left: log it as it is sent, with"
-                " the time at which it is"
-            )
+    for text, cure in zip(carried(diagnosis), map(CURES.get, diagnosis.carried)):
+        yield f"{text}: {cure}"
+
+
+def carried(diagnosis: Diagnosis) -> tuple[str, ...]:
+    """Return what columns may carry of what is left, a sentence for each reason."""
+    left = diagnosis.gap.rms["after"]
+    return tuple(
+        f"of {left:.3g} noise floors left, up to {far:.2g} may come from {_blamed(diagnosis, why)}"
+        for why, far in diagnosis.carried.items()
+    )
+
+
+def _blamed(diagnosis: Diagnosis, why: str) -> str:
+    most = max((it for it in diagnosis.blurs if it.why == why), key=lambda it: it.largest)
+    if why == ROW:
+        return "commands that changed between rows"
+    if why == STAMP:
+        return f"rows that are stamped late, in log '{most.log}' by up to {in_time(most.size)}"
+    scale, unit = display(diagnosis.model.plant.wire[most.column])
+    return f"the steps of {with_unit(number(scale * most.size, 3), unit)} of '{most.column}'"
 
 
 def _about_fits(diagnosis: Diagnosis) -> Iterator[str]:
@@ -485,9 +515,11 @@ def _about_fits(diagnosis: Diagnosis) -> Iterator[str]:
         )
     if diagnosis.parts:
         each = "half" if diagnosis.parts[0].half else "log"
+        left = ", ".join(f"{one.left:.3g} in {half(one)}log '{one.log}'" for one in diagnosis.parts)
+        alone = f"of each {each} alone, parameters of its own leave {left} noise floors"
         yield (
-            f"each {each} alone is explained by parameters of its own, and all together are not:"
-            " another actuator, or one that was changed, unless an effect acts differently in each"
+            f"{alone}, and all together {diagnosis.gap.rms['after']:.3g}: another actuator, or one"
+            " that was changed, unless an effect acts differently in each"
         )
     if diagnosis.unconfirmed:
         yield f"the FMU of the diagnosed model {diagnosis.unconfirmed}"

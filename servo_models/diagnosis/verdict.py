@@ -63,6 +63,11 @@ class Verdict:
     limit_cycle: float = 0.0
     locked: LockedTest = NOTHING_TESTED
 
+    @property
+    def lacks(self) -> bool:
+        """Whether more than noise is left."""
+        return self.kind == OUTSIDE or self.rest > 0.0
+
     def __str__(self) -> str:
         return self.kind
 

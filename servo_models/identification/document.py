@@ -9,6 +9,7 @@ from servo_models.data.log import Log
 from servo_models.data.parameters import ParametersDocument
 from servo_models.identification.check import Check, verdict
 from servo_models.identification.identify import Outcome
+from servo_models.identification.resolution import WHY
 from servo_models.identification.result import Accuracy, Identification
 from servo_models.report.document import Document, Figure, about, choice
 from servo_models.report.result import document_of
@@ -65,12 +66,12 @@ class EffectReach(Document, frozen=True):
 
 
 class Resolution(Document, frozen=True):
-    """What the resolution of an input's column alone does to the outputs: it is written in steps
-    [SI], or a change is logged at the next row [s]."""
+    """What the resolution of a column alone does to the outputs: it is written in steps [SI], a
+    change is logged at the next row, or rows are stamped late [s]."""
 
     log: str
     input: str
-    why: Annotated[str, choice("step", "row")]
+    why: Annotated[str, choice(*WHY)]
     size: float
     moves_noise_floors: dict[str, Figure]
 

@@ -15,7 +15,7 @@ simulation of draws).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,7 +26,7 @@ from servo_models.core.plant import Plant
 from servo_models.core.simulate import Model
 from servo_models.core.types import Array, Mask
 from servo_models.core.workers import ALONE, Workers
-from servo_models.data.clock import lost_rows
+from servo_models.data.clock import lost_rows, unsure_delays
 from servo_models.data.log import Log
 from servo_models.data.sensor import reading_step
 from servo_models.errors import UserError
@@ -35,7 +35,8 @@ from servo_models.report.numbers import number, with_unit
 
 COPIES = 8  # copies of a log for each column and reason: the figure is known to a quarter
 STEPS_IN_RANGE = 50.0  # steps in the range of a column from which they are no commanded levels
-STEP, ROW = "step", "row"
+STEP, ROW, STAMP = WHY = "step", "row", "stamp"
+BLAMED = 0.25  # share of what is left from which it is said what may carry it
 MOST_LOST_SHARE = 0.1  # share of rows far apart, above which rows are uneven and none is lost
 MOST_CHANGES = 300  # changes in a log that are simulated, the largest
 SAMPLES_PER_CHANGE = 4  # fewest samples for each change: fewer may have been moved anyhow
@@ -53,9 +54,10 @@ class Blur:
 
     Attributes:
         log: its name.
-        column: the input.
-        why: ``"step"``: it is written in steps; ``"row"``: a change is logged at the next row.
-        size: of that step [SI], or the median interval between rows [s].
+        column: the input, or ``"time"``.
+        why: ``"step"``: it is written in steps; ``"row"``: a change is logged at the next row;
+            ``"stamp"``: rows are stamped late, as far as readings tell.
+        size: of that step [SI], the median interval between rows [s], or the longest delay [s].
         moves: RMS by which copies differ from their mean [noise floors], by output.
     """
 
@@ -87,7 +89,7 @@ def blurs(
     blurred = []
     for log in logs:
         for name, why, size, copies in _copies(log, random):
-            outputs = np.array(list(workers.map(_Copy(model, log, values), copies)))
+            outputs = np.array(list(workers.map(_Copy(model, values), copies)))
             spread = np.sqrt(np.mean((outputs - outputs.mean(axis=0)) ** 2, axis=(0, 1)))
             moves = {out: float(it) / floors[out] for out, it in zip(log.outputs, spread)}
             if np.isfinite(spread).all():
@@ -95,8 +97,22 @@ def blurs(
     return tuple(sorted(blurred, key=lambda it: -it.largest))
 
 
+def could_carry(blurred: Iterable[Blur], logs: Sequence[Log]) -> dict[str, float]:
+    """Return by reason how far all outputs of all logs may be moved [RMS, noise floors], the
+    farthest first: each column of each log moves them by itself."""
+    samples = {log.name: int(log.fitted.sum()) for log in logs}
+    count = sum(samples[log.name] * len(log.outputs) for log in logs) or 1
+    squares = dict.fromkeys(WHY, 0.0)
+    for blur in blurred:
+        squares[blur.why] += samples[blur.log] * sum(it**2 for it in blur.moves.values()) / count
+    return {why: float(np.sqrt(squares[why])) for why in sorted(WHY, key=lambda it: -squares[it])}
+
+
 def supposed(blur: Blur, plant: Plant) -> str:
-    """Return "sent finer than in steps of 0.01 V", or "sent up to 2 ms before its row"."""
+    """Return "sent finer than in steps of 0.01 V", "sent up to 2 ms before its row", or "stamped up
+    to 2 ms late"."""
+    if blur.why == STAMP:
+        return f"stamped up to {in_time(blur.size)} late"
     if blur.why == ROW:
         return f"sent up to {in_time(blur.size)} before its row"
     scale, unit = display(plant.wire[blur.column])
@@ -105,28 +121,35 @@ def supposed(blur: Blur, plant: Plant) -> str:
 
 @dataclass(frozen=True)
 class _Copy:
-    """Simulates a copy with more rows; returns the outputs at those of the log, shape (n, k)."""
+    """Simulates a copy; returns the outputs at the times of its readings, shape (n, k)."""
 
     model: Model
-    log: Log
     values: Mapping[str, float]
 
-    def __call__(self, copy: Log) -> Array:
-        rows = np.searchsorted(copy.times, self.log.times)
-        return prepared(self.model, copy).outputs_or_nan(self.values)[rows]
+    def __call__(self, copy: tuple[Log, Array]) -> Array:
+        log, read = copy
+        outputs = prepared(self.model, log).outputs_or_nan(self.values)
+        return np.column_stack([np.interp(read, log.times, it) for it in outputs.T])
 
 
-def _copies(log: Log, random: np.random.Generator) -> Iterator[tuple[str, str, float, list[Log]]]:
-    """Inputs that change, with why their columns are not exact and copies with the same columns."""
+def _copies(
+    log: Log, random: np.random.Generator
+) -> Iterator[tuple[str, str, float, list[tuple[Log, Array]]]]:
+    """Inputs that change, with why their columns are not exact and copies with the same columns,
+    each with when it was read; so of stamps that may be late."""
+    if (delays := unsure_delays(log)) is not None:
+        off = (random.permutation(delays) for _ in range(COPIES))
+        yield "time", STAMP, float(delays.max()), [(log, log.times - it) for it in off]
     for name, values in log.inputs.items():
         changes = np.flatnonzero(np.diff(values)) + 1
         if not len(changes):
             continue
         if step := _column_step(values):
-            yield name, STEP, step, [_finer(log, name, step, random) for _ in range(COPIES)]
+            finer = (_finer(log, name, step, random) for _ in range(COPIES))
+            yield name, STEP, step, [(copy, log.times) for copy in finer]
         if not _exact(log)[changes].all():
-            copies = [_earlier(log, name, changes, random) for _ in range(COPIES)]
-            yield name, ROW, log.interval, copies
+            earlier = (_earlier(log, name, changes, random) for _ in range(COPIES))
+            yield name, ROW, log.interval, [(copy, log.times) for copy in earlier]
 
 
 def _exact(log: Log) -> Mask:
@@ -235,14 +258,27 @@ def _sent_before(log: Log, every: bool) -> Iterator[tuple[Log, float]]:
         sizes += np.abs(held[before + 1] - held[before]) / (np.ptp(held) or 1.0)
     if every:
         sizes[_exact(log)[1:]] = 0.0
+    changed = before[np.argsort(-sizes)[: np.count_nonzero(sizes)]]
     most = min(MOST_CHANGES, int(log.fitted.sum()) // SAMPLES_PER_CHANGE)
+    alone, blocks = most, list[NDArray[np.int64]]()
+    if every and len(changed):
+        # the others block by block, and all as a logger does that is late by itself
+        alone = most if len(changed) <= most else most // 2
+        others = np.sort(changed[alone:])
+        blocks = [it for it in np.array_split(others, max(most - alone, 1)) if len(it)]
+        yield _moved_before(log, np.sort(changed), 0.0), 1.0
     nodes, weights = np.polynomial.legendre.leggauss(1 if every else INSTANTS)
-    for row in before[np.argsort(-sizes)[: min(most, np.count_nonzero(sizes))]]:
+    for rows in (*changed[:alone, None], *blocks):
         for node, weight in zip(nodes, weights):
-            begin, end = log.times[row], log.times[row + 1]
-            instant = 0.5 * (begin + end + node * (end - begin))
-            inputs = {name: np.insert(it, row + 1, it[row + 1]) for name, it in log.inputs.items()}
-            yield _at(np.insert(log.times, row + 1, instant), log, inputs), np.sqrt(0.5 * weight)
+            yield _moved_before(log, rows, node), np.sqrt(0.5 * weight / len(rows))
+
+
+def _moved_before(log: Log, rows: NDArray[np.int64], node: float) -> Log:
+    """The log with what follows some rows come before, at -1 with the row and at 1 with the next"""
+    begin, end = log.times[rows], log.times[rows + 1]
+    instants = 0.5 * (begin + end + node * (end - begin))
+    inputs = {name: np.insert(it, rows + 1, it[rows + 1]) for name, it in log.inputs.items()}
+    return _at(np.insert(log.times, rows + 1, instants), log, inputs)
 
 
 def _block_by_block(log: Log, name: str, step: float, count: int) -> Iterator[tuple[Log, float]]:

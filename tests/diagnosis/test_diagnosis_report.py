@@ -41,6 +41,7 @@ from servo_models.diagnosis.verdict import (
     OUTSIDE,
     PARAMETERS,
 )
+from servo_models.identification.resolution import Blur
 from servo_models.identification.result import Accuracy
 from servo_models.identification.simulation import prepared
 from servo_models.report import html
@@ -113,6 +114,28 @@ def unsure(found: Diagnosis) -> Diagnosis:
 @pytest.fixture(scope="module")
 def text(found: Diagnosis) -> str:
     return _page(found)
+
+
+@pytest.mark.parametrize(
+    ("blur", "said"),
+    [
+        (("voltage", "row", 1e-3), "commands that changed between rows"),
+        (("voltage", "step", 0.02), "the steps of 0.02 V of 'voltage'"),
+        (("time", "stamp", 3e-3), "rows that are stamped late, in log '{log}' by up to 3 ms"),
+    ],
+)
+@pytest.mark.parametrize("share", [0.2, 0.5, 3.0])
+def test_what_a_column_may_be_blamed_for_is_said_with_its_figure(
+    found: Diagnosis, blur: tuple[str, str, float], said: str, share: float
+) -> None:
+    """From a quarter of what is left on, in one form on the screen, in JSON and in the report."""
+    (log,), left = found.logs, found.gap.rms["after"]
+    moves = {output: share * left for output in log.outputs}
+    blamed = replace(found, blurs=(Blur(log.name, *blur, moves),))
+    text = f"f {left:.3g} noise floors left, up to {min(share, 1.0) * left:.2g} may come from "
+    text += said.format(log=log.name)
+    for page in (str(blamed), blamed.document()["sentence"], _page(blamed).replace("&#39;", "'")):
+        assert (text in " ".join(page.split())) == (share > 0.25)
 
 
 def _page(found: Diagnosis) -> str:

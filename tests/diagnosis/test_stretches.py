@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,13 +20,14 @@ from servo_models.data.log import Log
 from servo_models.data.schema import Section
 from servo_models.diagnosis import summary
 from servo_models.diagnosis.diagnose import Diagnosis, diagnose
-from servo_models.diagnosis.search.fitting import Fitter
+from servo_models.diagnosis.search.fitting import FittedModel, Fitter
 from servo_models.diagnosis.search.selection import Selection
 from servo_models.diagnosis.stretches import Part, unlike_parts
 from servo_models.diagnosis.verdict import OUTSIDE, PARAMETERS
 from studies.far_parameters import BELIEVED, NOISE, TIMES, goals
 from tests.support.logs import changed, log_of
 
+Explain = Callable[[Fitter], FittedModel]
 ONE = {"natural_frequency": 22.0, "damping_ratio": 0.62, "transport_delay.time": 0.01}
 OTHER = {"natural_frequency": 27.0, "damping_ratio": 0.7, "transport_delay.time": 0.01}
 """Two servos [SI]."""
@@ -66,6 +68,18 @@ def test_logs_of_two_servos_are_told_apart() -> None:
     assert found.document()["parts"][1]["log"] == "run 1"
 
 
+@pytest.mark.thorough
+def test_two_servos_with_the_same_play_are_told_apart() -> None:
+    """What differs hides the play: it is sought in one log, and explains the other."""
+    play = {"backlash.half_width": 0.03}
+    found = diagnosed(
+        told({**ONE, **play}, 0), told({**OTHER, "natural_frequency": 40.0, **play}, 1)
+    )
+    assert [part.sure for part in found.parts] == [True, True]
+    assert found.document()["parts"][0]["sure"]
+    assert "Not one actuator" in summary.headline(found)
+
+
 @pytest.mark.long
 def test_a_change_midway_is_told() -> None:
     goal, half = moves(0), np.arange(len(TIMES)) < len(TIMES) // 2
@@ -73,7 +87,7 @@ def test_a_change_midway_is_told() -> None:
     found = diagnosed(log_of(TIMES, {"goal": goal}, {"angle": reading}))
     assert found.verdict.kind == OUTSIDE
     assert "changed midway" in summary.sentence(found)
-    assert any("each half alone is explained" in text for text in summary.warnings(found))
+    assert any("of each half alone, parameters of its own" in it for it in summary.warnings(found))
     assert [one.half for one in found.parts] == ["first", "second"]
     for one, true in zip(found.parts, (ONE, OTHER)):
         assert abs(one.value.value - true[one.value.name]) < 4.0 * one.value.standard_error
@@ -101,9 +115,9 @@ def test_a_log_that_no_fit_sees_is_no_part() -> None:
 def test_ctrl_c_while_parts_are_fitted_ends_that(monkeypatch: pytest.MonkeyPatch) -> None:
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
 
-    def interrupted(fitter: Fitter, selection: Selection) -> tuple[Part, ...]:
+    def interrupted(fitter: Fitter, selection: Selection, explain: Explain) -> tuple[Part, ...]:
         signal.raise_signal(signal.SIGINT)
-        return unlike_parts(fitter, selection)
+        return unlike_parts(fitter, selection, explain)
 
     monkeypatch.setattr("servo_models.diagnosis.diagnose.unlike_parts", interrupted)
     try:

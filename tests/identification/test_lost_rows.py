@@ -75,6 +75,23 @@ def test_uneven_rows_are_none_that_are_lost(seed: int) -> None:
     assert known.unsure is None
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_the_true_model_leaves_noise_where_uneven_rows_are_lost(seed: int) -> None:
+    """A row every one to three periods, as its command, and a few rows that were not written."""
+    motor, random = model("dc_motor", "direct"), np.random.default_rng(seed)
+    rows = np.cumsum(random.choice((1, 2, 3), 740))
+    rows = rows[rows < len(TIMES)]
+    held = np.searchsorted(rows, np.arange(len(TIMES)), "right") - 1
+    sent = np.where(held < 0, 0.0, volts()[rows[np.maximum(held, 0)]])
+    angle = simulate(motor, TIMES, {"voltage": sent})["encoder_angle"]
+    angle = angle + NOISE * random.standard_normal(len(TIMES))
+    kept = np.delete(rows, [*range(200, 205), *range(451, 458)])
+    log = log_of(TIMES[kept], {"voltage": sent[kept]}, {"encoder_angle": angle[kept]})
+    (known,) = with_unsure_inputs(motor, [log], {}, {"encoder_angle": NOISE})
+    assert floors_left(log) > 20.0
+    assert floors_left(known) < 2.0
+
+
 def test_weighted_errors_are_those_of_the_covariance() -> None:
     """r' (I + S S')^-1 r, by a solver; directions that move less than noise are left out."""
     log = recorded(LOST)

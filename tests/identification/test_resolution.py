@@ -11,7 +11,7 @@ from servo_models.core.types import Array
 from servo_models.data.arrays import describe
 from servo_models.identification.check import check
 from servo_models.identification.fit import checked_logs
-from servo_models.identification.resolution import ROW, STEP, Blur, blurs
+from servo_models.identification.resolution import ROW, STAMP, STEP, Blur, blurs, could_carry
 from tests.support.logs import log_of
 
 PERIOD, NOISE, VOLTS = 2e-3, 1e-3, 0.01
@@ -67,6 +67,39 @@ def test_a_row_moves_it_as_far_as_commands_between_rows_do() -> None:
     assert told.moves["encoder_angle"] == pytest.approx(
         float(np.sqrt(np.mean(off**2))) / NOISE, rel=0.4
     )
+
+
+def test_late_stamps_move_it_as_far_as_readings_at_other_times_are_off() -> None:
+    """A speed times what the delays scatter by; readings without noise tell whether they are."""
+    random, angle_at = np.random.default_rng(3), angle(volts(0))
+    rows = np.arange(20, len(TIMES) - 20, 10)
+    delays = random.exponential(0.2 * 10 * PERIOD, len(rows))
+    stamps = np.maximum.accumulate(TIMES[rows] + delays - 1e-6 * rows) + 1e-6 * rows
+    stamps -= stamps[0]
+    read = np.interp(stamps + TIMES[rows[0]], TIMES, angle_at)
+    loud = read + 0.3 * np.ptp(read) * random.standard_normal(len(read))
+    told = {}
+    for kind, readings in (("surely", read), ("unsure", loud)):
+        log = log_of(stamps, {"voltage": volts(0)[rows]}, {"encoder_angle": readings})
+        every = blurs(model("dc_motor", "direct"), [log], {"encoder_angle": NOISE}, {})
+        told[kind] = {one.why: one for one in every}
+    assert STAMP not in told["surely"]
+    (simulated,) = prepared(model("dc_motor", "direct"), log).outputs({}).T
+    speed = np.sqrt(np.mean(np.gradient(simulated, stamps) ** 2))
+    expected = speed * np.std(delays) / NOISE
+    assert told["unsure"][STAMP].moves["encoder_angle"] == pytest.approx(expected, rel=0.3)
+
+
+def test_what_columns_carry_adds_up_by_squares_of_all_samples() -> None:
+    logs = [
+        log_of(TIMES[:n], {"voltage": volts(0)[:n]}, {"encoder_angle": TIMES[:n]}, name=name)
+        for name, n in (("a", 300), ("b", 100))
+    ]
+    told = [Blur("a", "voltage", ROW, 0.002, {"encoder_angle": 2.0})]
+    told += [Blur("b", name, ROW, 0.002, {"encoder_angle": 4.0}) for name in ("voltage", "load")]
+    assert could_carry(told, logs)[ROW] == pytest.approx(np.sqrt((300 * 4 + 100 * 32) / 400))
+    assert next(iter(could_carry(told, logs))) == ROW
+    assert could_carry(told, logs)[STEP] == 0.0
 
 
 def test_levels_that_were_commanded_are_no_steps_of_a_column() -> None:

@@ -37,7 +37,14 @@ from servo_models.identification.linear_inference import (
 )
 from servo_models.identification.optimise import along_valley, descend, steps
 from servo_models.identification.problem import DIFFERENCE, Free, Problem, log_determinant
-from servo_models.identification.resolution import ROW, blurs, with_unsure_inputs
+from servo_models.identification.resolution import (
+    BLAMED,
+    ROW,
+    Blur,
+    blurs,
+    could_carry,
+    with_unsure_inputs,
+)
 from servo_models.identification.simulation import InternalSteps
 
 WIDER = "wider priors"  # a cause beside the effects: a prior that was too narrow
@@ -55,8 +62,8 @@ DELAY_MOVES_IN_PERIODS = (1 / 64, 1 / 32, 1 / 16, 1 / 8, 1 / 4, 1.0, 2.0)
 MOVED_COST_OVER_COST = 0.98  # cost after a move over before, below which it is taken
 MOST_MOVES = 8  # moves of delays in one fit
 FAR_IN_DEVIATIONS = 1.0  # believed deviations from which a fitted parameter is put back once
+FAR_LESS = 0.5  # structured part over that before, below which commands between rows are tried
 INWARD = {"low": 1.0, "high": -1.0}  # sign of the way off a bound
-LEAST_ROW_SHARE = 0.7  # movement by commands between rows over the structured part it may explain
 
 
 def discontinuous_of(problem: Problem) -> list[int]:
@@ -309,6 +316,12 @@ class FittedModel:
         """Sum of squared errors, priors included, that the fit leaves."""
         return float(self.linearised.errors @ self.linearised.errors)
 
+    @property
+    def deviance(self) -> float:
+        """Twice minus the logarithm of its likelihood, but for a constant; what it costs to be
+        unsure of inputs is in it."""
+        return self.cost + log_determinant(self.problem.logs, self.problem.sigma)
+
     @cached_property
     def loss(self) -> float:
         """Sum of squared unseen errors, larger for an effect on its bound or of a richer shape.
@@ -401,20 +414,24 @@ class Fitter:
         told = (self.model, self.logs, model.values, self.floors)
         return replace(self, logs=with_unsure_inputs(*told, self.between_rows))
 
-    def unsure_between_rows(self, models: Iterable[FittedModel]) -> Fitter | None:
+    def blurs(self, model: FittedModel) -> tuple[Blur, ...]:
+        """Return what nobody knows of columns does to the outputs of a fitted model."""
+        return blurs(self.model, self.logs, self.floors, model.values, self.workers)
+
+    def unsure_between_rows(
+        self, models: Iterable[FittedModel], best: FittedModel
+    ) -> Fitter | None:
         """Return a fitter by which commands may have come any time before the rows that have them,
-        if one of some fitted models then leaves noise only and is surely likelier; None else."""
-        for model in models:
-            told = (self.model, self.logs, self.floors, model.values)
-            far = max((it.largest for it in blurs(*told) if it.why == ROW), default=0.0)
-            if far < LEAST_ROW_SHARE * model.left.structured:
+        if that could carry much of what one of some fitted models leaves, which then leaves far
+        less than the ``best`` one and is surely likelier; None else."""
+        likeliest = best.deviance - self.settings.entry_advantage
+        least = FAR_LESS * best.left.structured
+        for model in dict.fromkeys(models):
+            if could_carry(self.blurs(model), self.logs)[ROW] < BLAMED * model.left.structured:
                 continue
             unsure = replace(self, between_rows=True).with_unsure_inputs(model).surveyed()
             again = unsure.fit_from(model)
-            before, after = (
-                it.cost + log_determinant(it.problem.logs, self.floors) for it in (model, again)
-            )
-            if again.settled and after < before - self.settings.entry_advantage:
+            if again.left.structured < least and again.deviance < likeliest:
                 return unsure
         return None
 

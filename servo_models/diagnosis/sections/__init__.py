@@ -144,7 +144,8 @@ def _left(diagnosis: Diagnosis) -> Iterator[str]:
     yield left
     if diagnosis.moved and diagnosis.selection.taken.effects:
         yield f"{number(diagnosis.gap.rms['retuned'], 3)} noise floors with parameters alone"
-    for clause in (summary.rest(diagnosis), summary.elsewhere(diagnosis)):
+    clauses = (summary.rest(diagnosis), summary.elsewhere(diagnosis), *summary.carried(diagnosis))
+    for clause in clauses:
         if clause:
             yield clause.removeprefix("; ")
 
