@@ -12,6 +12,7 @@ from servo_models.data.arrays import describe
 from servo_models.identification.check import check
 from servo_models.identification.fit import checked_logs
 from servo_models.identification.resolution import ROW, STAMP, STEP, Blur, blurs, could_carry
+from servo_models.identification.simulation import prepared
 from tests.support.logs import log_of
 
 PERIOD, NOISE, VOLTS = 2e-3, 1e-3, 0.01
