@@ -614,10 +614,13 @@ def read(path: Path) -> list[Row]:
 
 def judged(row: Row) -> str:
     """Whether a mistake is "named", answered in a "misleading" way, or "silent"."""
-    texts = " ".join(row["said"]).lower()
-    if re.search(MISTAKES[row["mistake"]].says, texts):
+    if _says(row["mistake"], row["said"]):
         return "named"
     return "misleading" if row["said"] else "silent"
+
+
+def _says(mistake: str, texts: Iterable[str]) -> bool:
+    return bool(re.search(MISTAKES[mistake].says, " ".join(texts).lower()))
 
 
 def table(rows: list[Row]) -> Iterator[str]:
@@ -633,7 +636,7 @@ def table(rows: list[Row]) -> Iterator[str]:
     yield ""
     for word in ("named", "misleading", "silent"):
         yield f"{word}: {_share(judged(row) == word for row in made_in)}"
-    tried = [bool(row["led"]) for row in made_in if "led" in row]
+    tried = [_says(row["mistake"], [row["led"]]) for row in made_in if "led" in row]
     yield f"diagnose leads with what is named: {_share(tried)}"
     clean = [row for row in rows if not row["mistake"]]
     yield f"clean logs accused: {_share(bool(row['said']) for row in clean)}"

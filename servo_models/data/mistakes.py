@@ -3,7 +3,8 @@
 Each of them makes a diagnosis find a cause that is not there.  Everything is read off the log
 alone, from what a sensor cannot do: noise that vanishes, a position that leaps, an answer that
 comes before its command.  So each is a question until a model is fitted to the log as it would be
-right (``identification.plausibility``).
+right (``identification.plausibility``); but for a copy, a filter or an average, which nothing mends
+and no model explains better than the column itself shows them.
 """
 
 from __future__ import annotations
@@ -48,7 +49,6 @@ SAME_LEAP = 0.15  # deviation of leaps from their median, relative, up to which 
 WRAPPED = 0.6  # size of a leap over the range above which a counter begins anew
 PLACEHOLDERS = 3  # rows of one number far outside the range of the others, if it is no reading
 JUMP = 0.05  # change between two rows over the range above which a command jumps
-FAR_JUMP = 0.2  # change over the range from which a column jumps as a command does
 AHEAD_ROWS = (64, 40, 24, 16, 10, 6, 4)  # rows before a jump in which an answer comes too early
 LEAST_JUMPS = 2  # jumps of a command at which an answer before them is no accident
 QUIET = 3  # rows before these for which the command stands, over their number
@@ -76,7 +76,8 @@ class Mistake(str):
 
     Attributes:
         columns: signals that it is about; none for whole rows.
-        mended: returns the log as it would be right, None where no other reading of it is known.
+        mended: returns the log as it would be right; None where no other reading of it is known,
+            since the log alone shows what no actuator makes.
         everywhere: it holds for every log that reads these columns alike, not for rows of this one.
     """
 
@@ -106,13 +107,20 @@ def _without(rows: Mask) -> Mend:
     """The log without these rows in a fit."""
 
     def mended(log: Log) -> Log:
-        return replace(log, skipped=rows if log.skipped is None else rows | log.skipped)
+        skipped = ~log.counted
+        skipped[log.read] |= rows
+        return replace(log, skipped=skipped)
 
     return mended
 
 
 def _with_output(name: str, values: Array) -> Mend:
-    return lambda log: replace(log, outputs={**log.outputs, name: values})
+    def mended(log: Log) -> Log:
+        found = log.outputs[name].copy()
+        found[log.read] = values
+        return replace(log, outputs={**log.outputs, name: found})
+
+    return mended
 
 
 def _exchanged(output: str, command: str) -> Mend:
@@ -144,7 +152,10 @@ def mistakes(log: Log, plant: Plant, steps: Mapping[str, float]) -> Iterator[Mis
         wire = plant.wire[name]
         if wire.flag or len(values) < LEAST_ROWS or not np.ptp(values):
             continue
-        told = [*_copied(log, name, values)] or [*_swapped(log, name, values)]
+        told = [*_copied(log, name, values)]
+        if not told and (told := [*_swapped(log, name, values)]):
+            (swap,) = told  # what else is wrong with the reading, its own column shows
+            told += _held(log, name, _exchanged(*swap.columns)(log).outputs[name], 0.0)
         step = steps.get(name, 0.0)
         told = told or [*_placeholders(log, wire, values, step)]
         told = told or [*_leaps(log, wire, values, step), *_held(log, name, values, step)]
@@ -205,10 +216,11 @@ def _copied(log: Log, name: str, values: Array) -> Iterator[Mistake]:
 
 def _swapped(log: Log, name: str, values: Array) -> Iterator[Mistake]:
     """A reading that jumps and stays, as commands do, beside a command with noise."""
-    if _repeats(values) < 1.0 - REPEATS or not _jumps_far(values):
+    if _repeats(values) < 1.0 - REPEATS:
         return
     for other, command in log.inputs.items():
-        if np.ptp(command) and _repeats(command) < REPEATS and not _jumps_far(command):
+        inside = command[(command > np.min(command)) & (command < np.max(command))]  # unclipped
+        if len(inside) >= LEAST_ROWS and _repeats(inside) < REPEATS:
             yield Mistake(
                 f"'{name}' jumps and stays, as a command does, while '{other}' has noise, as a"
                 " reading has: their columns are swapped",
@@ -216,10 +228,6 @@ def _swapped(log: Log, name: str, values: Array) -> Iterator[Mistake]:
                 _exchanged(name, other),
                 everywhere=True,
             )
-
-
-def _jumps_far(values: Array) -> bool:
-    return bool(np.max(np.abs(np.diff(values))) >= FAR_JUMP * np.ptp(values))
 
 
 def _repeats(values: Array) -> float:

@@ -56,7 +56,6 @@ MOST_SUPPLY = 2.0  # supply over the one of a variant above which no motor stand
 LEAST_SUPPLY = 0.2  # supply ratio below which none turns
 MOST_LOAD = 5.0  # full scales of a constant load: several times what stalls the actuator
 MOST_PRIOR = 3.0  # standard deviation over a positive value: more says less than no prior
-MOST_INTERVAL = 2.0  # sampling interval over the response time: longer ones show only the end
 LEAST_DURATION = 0.1  # duration of a log over the response time
 NO_BETTER = 0.8  # error of logs as they would be right over that as they stand, if nothing is asked
 FAR_BETTER = 0.5  # error of logs as they would be right over that as they stand, at most
@@ -110,27 +109,29 @@ def mistaken_columns(model: Model, log: Log, answer: float) -> Iterator[Mistake]
     if against:
         log = _turned(model, log, against)
         pairs = _compared(model, log)
-    told += [*_about_rates(log, pairs)] or _about_units(model, log, pairs, answer)
+    told += [*_about_rates(model, log, pairs)] or _about_units(model, log, pairs, answer)
     told += _about_zeros(model, log, pairs)
     yield from (it for it in told if not it.is_settled(log))
 
 
-def implausible_clocks(described: Description) -> tuple[str, ...]:
-    """Return which logs are too slow or short for the step response.
+def implausible_clocks(described: Description, otherwise: bool = False) -> tuple[str, ...]:
+    """Return which logs are too slow or short for the step response; ``otherwise`` only those that
+    would not be in another unit of time.
 
     Nothing of the log is simulated, so that it is told before days of simulation begin.
     """
     answer = answer_time(described.model)
     return tuple(
-        f"log '{log.name}': {text}"
+        f"log '{log.name}': {it}"
         for log in described.logs
-        for text in _about_clock(described.model, log, answer)
+        for it in _about_clock(described.model, log, answer)
+        if not it.is_settled(log) and (it.mended or not otherwise)
     )
 
 
-def _about_clock(model: Model, log: Log, answer: float) -> Iterator[str]:
+def _about_clock(model: Model, log: Log, answer: float) -> Iterator[Mistake]:
     interval = log.interval
-    slow, short = interval > MOST_INTERVAL * answer, log.duration < LEAST_DURATION * answer
+    slow, short = interval > answer, log.duration < LEAST_DURATION * answer
     if not (slow or short):
         return
     told = _channel(log, TIME).told[1]
@@ -143,9 +144,11 @@ def _about_clock(model: Model, log: Log, answer: float) -> Iterator[str]:
     cure = "no sample shows how it moves: log faster" if slow else "log longer"
     if unit:
         cure = f'{unit} would make sense: give it time.unit = "{unit}"'
-    yield (
+    yield Mistake(
         f"{_column(log, TIME)} is read in {told}, so the log {lasts},"
-        f" while '{model.actuator.name}' answers a step in {answer:.3g} s; {cure}"
+        f" while '{model.actuator.name}' answers a step in {answer:.3g} s; {cure}",
+        [TIME],
+        Correction((TIME,), factor(unit, "s") / factor(told, "s"), unit).of if unit else None,
     )
 
 
@@ -276,7 +279,7 @@ def _begun(model: Model, log: Log) -> Log:
 # Columns of something else
 
 
-def _about_rates(log: Log, pairs: Mapping[str, _Pair]) -> Iterator[Mistake]:
+def _about_rates(model: Model, log: Log, pairs: Mapping[str, _Pair]) -> Iterator[Mistake]:
     """Readings that go together with the rate of what they are read as."""
     for name in _unlike(pairs):
         measured, response, rate = pairs[name]
@@ -285,7 +288,18 @@ def _about_rates(log: Log, pairs: Mapping[str, _Pair]) -> Iterator[Mistake]:
                 f"{_column(log, name)} moves as the rate of '{name}' does: read it as a rate,"
                 " or read the column that was measured",
                 [name],
+                partial(_summed, model, name=name),
+                everywhere=True,
             )
+
+
+def _summed(model: Model, log: Log, name: str) -> Log:
+    """The log with an output summed up over time, from where the model is."""
+    rates, response = log.outputs[name], _compared(model, log)[name].response
+    steps = 0.5 * (rates[1:] + rates[:-1]) * np.diff(log.times)
+    sums = np.concatenate([[0.0], np.cumsum(steps)])
+    sums += np.median(response) - np.median(sums)
+    return replace(log, outputs={**log.outputs, name: sums})
 
 
 def _about_zeros(model: Model, log: Log, pairs: Mapping[str, _Pair]) -> Iterator[Mistake]:
@@ -575,21 +589,14 @@ def questions(told: Description) -> tuple[Audit, ...]:
 
 
 def tried(told: Description, asked: Sequence[Audit], workers: Workers = ALONE) -> Tried:
-    """Try every mistake of which another reading is known."""
-    return {
-        mistake: _left(told, log, mistake, workers)
-        for log, audit in zip(told.logs, asked)
-        for mistake in audit.mistakes
-        if mistake.mended
-    }
-
-
-def _left(told: Description, log: Log, mistake: Mistake, workers: Workers) -> float:
-    """Error that is left of the logs as they would be right; infinite where they cannot be so."""
-    try:
-        return retuned(told, mended(told.logs, log, mistake), workers)
-    except UserError:
-        return np.inf
+    """Try every mistake of which another reading is known; one that cannot be leaves infinity."""
+    errors = {}
+    for mistake in (it for audit in asked for it in audit.mistakes if it.mended):
+        try:
+            errors[mistake] = retuned(told, mended(told.logs, asked, mistake), workers)
+        except UserError:
+            errors[mistake] = np.inf
+    return errors
 
 
 def likely(
@@ -616,15 +623,19 @@ def likely(
     )
 
 
-def mended(logs: Sequence[Log], of: Log, mistake: Mistake) -> list[Log]:
-    """The logs as they would be right: all that read the columns alike, or this one alone."""
+def mended(logs: Sequence[Log], asked: Sequence[Audit], mistake: Mistake) -> list[Log]:
+    """The logs as they would be right: all that read the columns alike, or of whose rows something
+    is asked in the same columns."""
+    of = next(log for log, audit in zip(logs, asked) if mistake in audit.mistakes)
 
-    def alike(log: Log) -> bool:
-        columns = [(it.channels.get(name) for it in (log, of)) for name in mistake.columns]
-        return log is of or (mistake.everywhere and all(a == b for a, b in columns))
+    def right(log: Log, audit: Audit) -> Log:
+        alike = [of.channels.get(it) == log.channels.get(it) for it in mistake.columns]
+        own = [it for it in audit.mistakes if it.mended and it.columns == mistake.columns]
+        if log is of or (mistake.everywhere and all(alike)):
+            own = [mistake]
+        return own[0].mended(log) if own and own[0].mended else log
 
-    assert mistake.mended
-    return [mistake.mended(log) if alike(log) else log for log in logs]
+    return [right(log, audit) for log, audit in zip(logs, asked)]
 
 
 def retuned(told: Description, logs: Sequence[Log], workers: Workers = ALONE) -> float:
@@ -633,12 +644,12 @@ def retuned(told: Description, logs: Sequence[Log], workers: Workers = ALONE) ->
     Raises:
         UserError: the logs cannot be simulated.
     """
-    model, most = told.model, LONGEST * told.model.values.get("internal_step", np.inf)
-    floors = noise_floors(audits(logs, model.plant))
+    model, floors = told.model, noise_floors(audits(logs, told.model.plant))
     # of times that are far too long one run is all that can be waited for
-    is_endless = sum(log.duration for log in logs) > most
-    free = () if is_endless else prior_parameters(told)
-    steps = None if is_endless else InternalSteps(model, floors)
+    most = LONGEST * model.values.get("internal_step", np.inf)
+    once = sum(log.duration for log in logs) > most
+    free = () if once else prior_parameters(told)
+    steps = None if once else InternalSteps(model, floors)
     problem = Problem(model, logs, free, floors, workers, steps=steps)
     vector = problem.start
     if free:
