@@ -42,6 +42,7 @@ SERVOS = ("smart_servo", "second_order_servo", "sg90")
 MOTORS = ("dc_motor", "dc_motor_current", "dc_motor_speed", "torque_motor")
 EVERY = SERVOS + MOTORS
 Random = np.random.Generator
+NOTE = "note: "
 Row = dict[str, Any]
 """A ``mistake``, "" for none, the ``case``, and what is ``said`` of it alone."""
 
@@ -547,7 +548,7 @@ def said(rig: Rig) -> list[str]:
             found = check(path, jobs=1)
         except UserError as error:
             return [str(error).replace(str(folder), "")]
-        notes = [note for log in found.description.logs for note in log.notes]
+        notes = [NOTE + note for log in found.description.logs for note in log.notes]
         return [*found.warnings, *notes]
 
 
@@ -619,6 +620,11 @@ def judged(row: Row) -> str:
     return "misleading" if row["said"] else "silent"
 
 
+def _is_mended(row: Row) -> bool:
+    """Whether a mistake is named by notes alone, on what reading has changed."""
+    return not _says(row["mistake"], (it for it in row["said"] if not it.startswith(NOTE)))
+
+
 def _says(mistake: str, texts: Iterable[str]) -> bool:
     return bool(re.search(MISTAKES[mistake].says, " ".join(texts).lower()))
 
@@ -636,8 +642,10 @@ def table(rows: list[Row]) -> Iterator[str]:
     yield ""
     for word in ("named", "misleading", "silent"):
         yield f"{word}: {_share(judged(row) == word for row in made_in)}"
-    tried = [_says(row["mistake"], [row["led"]]) for row in made_in if "led" in row]
-    yield f"diagnose leads with what is named: {_share(tried)}"
+    leads = [(row, _says(row["mistake"], [row["led"]])) for row in made_in if "led" in row]
+    yield f"diagnose leads with what is named: {_share(led for _, led in leads)}"
+    asked = [led for row, led in leads if not _is_mended(row)]
+    yield f"and what reading has not mended: {_share(asked)}"
     clean = [row for row in rows if not row["mistake"]]
     yield f"clean logs accused: {_share(bool(row['said']) for row in clean)}"
     yield f"clean logs that diagnose leads with: {_share(bool(row.get('led')) for row in clean)}"

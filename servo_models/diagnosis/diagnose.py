@@ -97,7 +97,7 @@ def diagnose(
     logs, flags = without_flags(told.logs, told.model.plant)
     logs = checked_logs(told.model, logs, len(prior_parameters(told)), told.path)
     told = replace(told, logs=logs)
-    if clocks := implausible_clocks(told, otherwise=True):
+    if len(clocks := implausible_clocks(told)) == len(told.logs):  # a search would take hours
         raise UserError("; ".join(clocks))
     check_duration(told.model, told.logs)
     with stop:

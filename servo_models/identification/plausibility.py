@@ -40,25 +40,20 @@ from servo_models.units import factor, fitting_unit, other_units, parse
 
 TIME = "time"
 UNLIKE = 0.5  # misfit of another motion: 4 of 42 real outputs reach it; a factor of 6 makes 0.68
-BETTER = 0.5  # misfit with another unit over that without, up to which it makes sense
 CLOSE = 0.05  # difference of misfits that count as alike
-SLOWER = 0.8  # misfit ratio for a log sampled more slowly than the actuator answers
-STILL_FITS = 1.05  # misfit ratio where the motion exceeds the full scale
-SEEN = 0.02  # misfit below which no other unit of time is looked for
 FAR = 4.0  # ratio of two motions from which one of them is not scaled
 FOLLOWS = 0.8  # correlation with the model from which a reading is its output, scaled or turned
 DRIFT_DEGREE = 2  # degree of the drift taken off: what a constant torque gives a free motor
 ELSEWHERE = 0.5  # distance to the model over its range from which the zero of a reading is off
 STEADY = 3.0  # distance over its standard deviation, from which it is in all rows
-BEYOND = 3.0  # full scales of a rate, or of an output, that no actuator reaches
+BEYOND = 3.0  # full scales of a rate that no actuator reaches, and of a load that none carries
 LONGEST = 5e6  # internal steps that are worth a look at another unit of time
 MOST_SUPPLY = 2.0  # supply over the one of a variant above which no motor stands it
 LEAST_SUPPLY = 0.2  # supply ratio below which none turns
-MOST_LOAD = 5.0  # full scales of a constant load: several times what stalls the actuator
 MOST_PRIOR = 3.0  # standard deviation over a positive value: more says less than no prior
 LEAST_DURATION = 0.1  # duration of a log over the response time
 NO_BETTER = 0.8  # error of logs as they would be right over that as they stand, if nothing is asked
-FAR_BETTER = 0.5  # error of logs as they would be right over that as they stand, at most
+FAR_BETTER = 0.5  # the same, or the misfit of one log, from which it is surely so
 COST_TOLERANCE = 1e-3  # relative decrease of the cost that ends a trial
 MOST_STEPS = 5  # of a trial
 ANSWERED = 0.05  # distance from the end of a step response over the whole, at which it is answered
@@ -114,9 +109,8 @@ def mistaken_columns(model: Model, log: Log, answer: float) -> Iterator[Mistake]
     yield from (it for it in told if not it.is_settled(log))
 
 
-def implausible_clocks(described: Description, otherwise: bool = False) -> tuple[str, ...]:
-    """Return which logs are too slow or short for the step response; ``otherwise`` only those that
-    would not be in another unit of time.
+def implausible_clocks(described: Description) -> tuple[str, ...]:
+    """Return which logs are too slow or short for the step response.
 
     Nothing of the log is simulated, so that it is told before days of simulation begin.
     """
@@ -125,7 +119,7 @@ def implausible_clocks(described: Description, otherwise: bool = False) -> tuple
         f"log '{log.name}': {it}"
         for log in described.logs
         for it in _about_clock(described.model, log, answer)
-        if not it.is_settled(log) and (it.mended or not otherwise)
+        if not it.is_settled(log)
     )
 
 
@@ -148,7 +142,6 @@ def _about_clock(model: Model, log: Log, answer: float) -> Iterator[Mistake]:
         f"{_column(log, TIME)} is read in {told}, so the log {lasts},"
         f" while '{model.actuator.name}' answers a step in {answer:.3g} s; {cure}",
         [TIME],
-        Correction((TIME,), factor(unit, "s") / factor(told, "s"), unit).of if unit else None,
     )
 
 
@@ -198,7 +191,7 @@ def _about_held_inputs(model: Model, log: Log) -> Iterator[str]:
         level, stated = float(np.median(values)), wire.name in log.constants
         if wire.rest:
             yield from _about_supply(model, log, wire, level)
-        elif stated and _is_declared(wire) and abs(level) > MOST_LOAD * wire.scale:
+        elif stated and _is_declared(wire) and abs(level) > BEYOND * wire.scale:
             yield (
                 f"'{wire.name}' = {level:g} {wire.unit} is {abs(level) / wire.scale:.3g} times the"
                 f" full scale of '{model.actuator.name}', {wire.scale:g} {wire.unit}: give what"
@@ -446,17 +439,16 @@ def _unscaled(pairs: Mapping[str, _Pair]) -> Iterator[Correction]:
 
 
 def _other_times(model: Model, log: Log, misfit: float, answer: float) -> Iterator[Correction]:
-    """Shorter ones where the misfit can be seen, longer ones where the log is over at once."""
+    """Shorter ones, and longer ones where the log is over at once."""
     step = model.values.get("internal_step", answer)
     for unit, ratio in other_units("s", _channel(log, TIME).told[1]):
-        shorter = ratio < 1.0 and misfit > SEEN
-        longer = ratio > 1.0 and log.duration < BEYOND * answer and misfit > UNLIKE
-        if (shorter or longer) and ratio * log.duration < LONGEST * step:
+        longer = log.duration < answer and misfit > UNLIKE
+        if (ratio < 1.0 or longer) and ratio * log.duration < LONGEST * step:
             yield Correction((TIME,), ratio, unit)
-    ratio = 0.5 / FAR  # four times slower may be a rig
-    while misfit > SEEN and ratio * log.duration > answer:
+    ratio = 1.0 / (2.0 * FAR)  # four times slower may be a rig
+    while ratio * log.duration > answer:
         yield Correction((TIME,), ratio, "")
-        ratio *= 0.5
+        ratio /= 2.0
 
 
 def _makes_sense(
@@ -474,11 +466,10 @@ def _makes_sense(
     before = float(np.mean([now[name].misfit for name in touched]))
     after = float(np.mean([then[name].misfit for name in touched]))
     if TIME in correction.columns:
-        slow = correction.ratio < 1.0 and log.interval > answer
-        return after < UNLIKE and after < (SLOWER if slow else BETTER) * before
-    if before > UNLIKE and after < BETTER * before:
+        return after < min(UNLIKE, FAR_BETTER * before)
+    if before > UNLIKE and after < FAR_BETTER * before:
         return True
-    if not others or after > STILL_FITS * before + CLOSE * UNLIKE:
+    if not others or after > before + CLOSE:
         return False
     return bool(_beyond(model, log, answer)) and not _beyond(model, changed, answer)
 
@@ -494,11 +485,11 @@ def _beyond(model: Model, log: Log, answer: float) -> list[str]:
             continue
         usual = outliers(log.outputs[name]) == 0.0
         values, times = log.outputs[name][usual], log.times[usual]
-        stride = max(1, round(0.25 * answer / float(np.median(np.diff(times)))))
+        stride = max(1, round(answer / float(np.median(np.diff(times)))))
         if len(values) <= stride:
             continue
         rates = np.abs(values[stride:] - values[:-stride]) / (times[stride:] - times[:-stride])
-        if float(np.percentile(rates, 99.9)) > BEYOND * rate.scale:
+        if np.max(rates) > BEYOND * rate.scale:
             beyond.append(name)
     return beyond
 
