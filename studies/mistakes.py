@@ -11,7 +11,8 @@
 A mistake is made in a copy of a case whose columns allow it.  It is *named* where a sentence of
 ``check``, or the error that refuses the file, says what it is; a *misleading* answer warns of
 something else alone; the rest is *silent*.  Sentences that the log as it is gets as well do not
-count.  Clean logs that get a sentence at all are *accused*.
+count.  Clean logs of whose columns something is asked are *accused*.  What reading has mended
+stands in a note, and nothing is led with.
 """
 
 from __future__ import annotations
@@ -598,7 +599,7 @@ def work(cases: Path, out: Path, each: int, only: str, clean: int, leads: bool) 
     for case, rig in every[:clean]:
         if ("", case) not in done:
             row = {"mistake": "", "case": case, "said": said(rig)}
-            if leads and row["said"]:
+            if leads and _is_asked(row):
                 row["led"] = led(rig)
             add(out, row)
 
@@ -618,6 +619,10 @@ def judged(row: Row) -> str:
     if _says(row["mistake"], row["said"]):
         return "named"
     return "misleading" if row["said"] else "silent"
+
+
+def _is_asked(row: Row) -> bool:
+    return any("checked = true" in text for text in row["said"])
 
 
 def _is_mended(row: Row) -> bool:
@@ -647,7 +652,7 @@ def table(rows: list[Row]) -> Iterator[str]:
     asked = [led for row, led in leads if not _is_mended(row)]
     yield f"and what reading has not mended: {_share(asked)}"
     clean = [row for row in rows if not row["mistake"]]
-    yield f"clean logs accused: {_share(bool(row['said']) for row in clean)}"
+    yield f"clean logs accused: {_share(map(_is_asked, clean))}"
     yield f"clean logs that diagnose leads with: {_share(bool(row.get('led')) for row in clean)}"
 
 
