@@ -147,9 +147,9 @@ def mistakes(log: Log, plant: Plant, steps: Mapping[str, float]) -> Iterator[Mis
         if wire.flag or len(values) < LEAST_ROWS or not np.ptp(values):
             continue
         told = [*_copied(log, name, values)]
-        if not told and (told := [*_swapped(log, name, values)]):
-            (swap,) = told  # what else is wrong with the reading, its own column shows
-            told += _held(log, name, log.inputs[swap.columns[1]], 0.0)
+        if not told and (told := [*_swapped(log, plant, name, values)]):
+            # what else is wrong with the reading, its own column shows
+            told += _held(log, name, log.inputs[told[0].columns[1]], 0.0)
         step = steps.get(name, 0.0)
         told = told or [*_placeholders(log, wire, values, step)]
         told = told or [*_leaps(log, wire, values, step), *_held(log, name, values, step)]
@@ -205,11 +205,11 @@ def _copied(log: Log, name: str, values: Array) -> Iterator[Mistake]:
             )
 
 
-def _swapped(log: Log, name: str, values: Array) -> Iterator[Mistake]:
+def _swapped(log: Log, plant: Plant, name: str, values: Array) -> Iterator[Mistake]:
     """A reading that jumps and stays, as commands do, beside a command with noise."""
     if _repeats(values) < 1.0 - REPEATS:
         return
-    for other, command in log.inputs.items():
+    for other, command in _commands(log, plant):
         inside = command[(command > np.min(command)) & (command < np.max(command))]  # unclipped
         if len(inside) >= LEAST_ROWS and _repeats(inside) < REPEATS:
             yield Mistake(
