@@ -198,10 +198,10 @@ def _diagnose(
     mistake = _mistake(told, audited, fitter, selection.taken, stop) if is_left else ""
     usual = not mistake and not fitter.between_rows
     held_out = held_out_scores(selection)
-    worse = contradicted(held_out, settings.least_gain)
+    against = contradicted(selection, held_out, settings.least_gain)
     # learnt from whole searches in logs as they should be
     calibrated = usual and not selection.unfinished
-    known = probabilities(selection, verdict, worse) if calibrated else {}
+    known = probabilities(selection, verdict, against) if calibrated else {}
     lacking += [SHAPE] if shaped and not learns else []
     if tell and learns:
         tell("learning the shape of what is left")

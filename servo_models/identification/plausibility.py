@@ -47,7 +47,7 @@ DRIFT_DEGREE = 2  # degree of the drift taken off: what a constant torque gives 
 ELSEWHERE = 0.5  # distance to the model over its range from which the zero of a reading is off
 STEADY = 3.0  # distance over its standard deviation, from which it is in all rows
 BEYOND = 3.0  # full scales of a rate that no actuator reaches, and of a load that none carries
-LONGEST = 5e6  # internal steps that are worth a look at another unit of time
+LONGEST = 5e6  # internal steps of a log that are worth more than one simulation
 MOST_SUPPLY = 2.0  # supply over the one of a variant above which no motor stands it
 LEAST_SUPPLY = 0.2  # supply ratio below which none turns
 MOST_PRIOR = 3.0  # standard deviation over a positive value: more says less than no prior
@@ -104,7 +104,7 @@ def mistaken_columns(model: Model, log: Log, answer: float) -> Iterator[Mistake]
     if against:
         log = _turned(model, log, against)
         pairs = _compared(model, log)
-    told += [*_about_rates(model, log, pairs)] or _about_units(model, log, pairs, answer)
+    told += [*_about_rates(model, log, pairs), *_about_units(model, log, pairs, answer)]
     told += _about_zeros(model, log, pairs)
     yield from (it for it in told if not it.is_settled(log))
 
@@ -124,15 +124,15 @@ def implausible_clocks(described: Description) -> tuple[str, ...]:
 
 
 def _about_clock(model: Model, log: Log, answer: float) -> Iterator[Mistake]:
-    interval = log.interval
-    slow, short = interval > answer, log.duration < LEAST_DURATION * answer
+    interval, most = log.interval, answer / 2.0  # a sample as it moves, and one at the end
+    slow, short = interval > most, log.duration < LEAST_DURATION * answer
     if not (slow or short):
         return
     told = _channel(log, TIME).told[1]
     unit = fitting_unit(
         "s",
         told,
-        lambda it: it * interval <= answer and it * log.duration >= LEAST_DURATION * answer,
+        lambda it: it * interval <= most and it * log.duration >= LEAST_DURATION * answer,
     )
     lasts = f"is sampled every {interval:.3g} s" if slow else f"lasts {log.duration:.3g} s"
     cure = "no sample shows how it moves: log faster" if slow else "log longer"
@@ -233,13 +233,17 @@ def _against(model: Model, log: Log, pairs: Mapping[str, _Pair]) -> list[str]:
 
 
 def _follows(measured: Array, response: Array) -> bool:
-    """Whether two signals go together, whatever drift an unknown load gives a free motor."""
+    return _correlation(measured, response) > FOLLOWS
+
+
+def _correlation(measured: Array, response: Array) -> float:
+    """How well two signals go together, whatever drift an unknown load gives a free motor."""
     drift = np.vander(np.linspace(-1.0, 1.0, len(measured)), DRIFT_DEGREE + 1)
     both = np.column_stack([measured, response])
     both = both - drift @ np.linalg.lstsq(drift, both, rcond=None)[0]
     if not np.all(np.std(both, axis=0)):
-        return False
-    return float(np.corrcoef(both[:, 0], both[:, 1])[0, 1]) > FOLLOWS
+        return 0.0
+    return float(np.corrcoef(both[:, 0], both[:, 1])[0, 1])
 
 
 def _about_signs(model: Model, log: Log, against: Sequence[str]) -> Iterator[Mistake]:
@@ -273,10 +277,10 @@ def _begun(model: Model, log: Log) -> Log:
 
 
 def _about_rates(model: Model, log: Log, pairs: Mapping[str, _Pair]) -> Iterator[Mistake]:
-    """Readings that go together with the rate of what they are read as."""
+    """Readings that go together with the rate of what they are read as, rather than with it."""
     for name in _unlike(pairs):
         measured, response, rate = pairs[name]
-        if _follows(measured, rate) and not _follows(measured, response):
+        if _correlation(measured, rate) > max(_correlation(measured, response), 0.0):
             yield Mistake(
                 f"{_column(log, name)} moves as the rate of '{name}' does: read it as a rate,"
                 " or read the column that was measured",
