@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
@@ -47,7 +47,6 @@ DRIFT_DEGREE = 2  # degree of the drift taken off: what a constant torque gives 
 ELSEWHERE = 0.5  # distance to the model over its range from which the zero of a reading is off
 STEADY = 3.0  # distance over its standard deviation, from which it is in all rows
 BEYOND = 3.0  # full scales of a rate that no actuator reaches, and of a load that none carries
-LONGEST = 5e6  # internal steps of a log that are worth more than one simulation
 MOST_SUPPLY = 2.0  # supply over the one of a variant above which no motor stands it
 LEAST_SUPPLY = 0.2  # supply ratio below which none turns
 MOST_PRIOR = 3.0  # standard deviation over a positive value: more says less than no prior
@@ -416,7 +415,7 @@ def _corrections(
     yield from _unscaled({name: now[name] for name in unlike})
     if unlike or _beyond(model, log, answer):
         yield from _together(model.plant, every)
-    yield from _other_times(model, log, _misfit(now), answer)
+    yield from _other_times(log, _misfit(now), answer)
 
 
 def _together(
@@ -442,12 +441,11 @@ def _unscaled(pairs: Mapping[str, _Pair]) -> Iterator[Correction]:
                 yield Correction((name,), ratio, "")
 
 
-def _other_times(model: Model, log: Log, misfit: float, answer: float) -> Iterator[Correction]:
+def _other_times(log: Log, misfit: float, answer: float) -> Iterator[Correction]:
     """Shorter ones, and longer ones where the log is over at once."""
-    step = model.values.get("internal_step", answer)
     for unit, ratio in other_units("s", _channel(log, TIME).told[1]):
         longer = log.duration < answer and misfit > UNLIKE
-        if (ratio < 1.0 or longer) and ratio * log.duration < LONGEST * step:
+        if (ratio < 1.0 or longer) and 2.0 * ratio * log.interval < answer:
             yield Correction((TIME,), ratio, unit)
     ratio = 1.0 / (2.0 * FAR)  # four times slower may be a rig
     while ratio * log.duration > answer:
@@ -583,15 +581,15 @@ def questions(told: Description) -> tuple[Audit, ...]:
     )
 
 
-def tried(told: Description, asked: Sequence[Audit], workers: Workers = ALONE) -> Tried:
-    """Try every mistake of which another reading is known; one that cannot be leaves infinity."""
-    errors = {}
-    for mistake in (it for audit in asked for it in audit.mistakes if it.mended):
-        try:
-            errors[mistake] = retuned(told, mended(told.logs, asked, mistake), workers)
-        except UserError:
-            errors[mistake] = np.inf
-    return errors
+def tried(
+    told: Description, asked: Sequence[Audit], workers: Workers = ALONE, columns: bool = False
+) -> Tried:
+    """Try every mistake of which another reading is known, or those of whole ``columns``."""
+    return {
+        mistake: _retuned(told, partial(mended, told.logs, asked, mistake), workers)
+        for mistake in (it for audit in asked for it in audit.mistakes)
+        if mistake.mended and (mistake.everywhere or not columns)
+    }
 
 
 def likely(
@@ -601,17 +599,8 @@ def likely(
 
     What is asked of single rows stays: without them nothing says how well they would fit.
     """
-
-    def of_columns(audit: Audit) -> tuple[Mistake, ...]:
-        return tuple(it for it in audit.mistakes if it.everywhere)
-
-    errors = tried(told, [replace(it, mistakes=of_columns(it)) for it in asked], workers)
-    if not errors:
-        return tuple(asked)
-    try:
-        most = NO_BETTER * retuned(told, told.logs, workers)
-    except UserError:  # as they stand they cannot be: any other reading is better
-        return tuple(asked)
+    errors = tried(told, asked, workers, columns=True)
+    most = NO_BETTER * _retuned(told, lambda: told.logs, workers) if errors else np.inf
     return tuple(
         replace(it, mistakes=tuple(m for m in it.mistakes if errors.get(m, 0.0) <= most))
         for it in asked
@@ -633,23 +622,20 @@ def mended(logs: Sequence[Log], asked: Sequence[Audit], mistake: Mistake) -> lis
     return [right(log, audit) for log, audit in zip(logs, asked)]
 
 
-def retuned(told: Description, logs: Sequence[Log], workers: Workers = ALONE) -> float:
-    """Error that re-tuned parameters leave, see ``error``.
-
-    Raises:
-        UserError: the logs cannot be simulated.
-    """
-    model, floors = told.model, noise_floors(audits(logs, told.model.plant))
-    # of times that are far too long one run is all that can be waited for
-    most = LONGEST * model.values.get("internal_step", np.inf)
-    once = sum(log.duration for log in logs) > most
-    free = () if once else prior_parameters(told)
-    steps = None if once else InternalSteps(model, floors)
-    problem = Problem(model, logs, free, floors, workers, steps=steps)
-    vector = problem.start
-    if free:
-        vector, _, _ = descend(problem, vector, COST_TOLERANCE, MOST_STEPS)
-    return error(problem, vector)
+def _retuned(told: Description, read: Callable[[], Sequence[Log]], workers: Workers) -> float:
+    """Error that re-tuned parameters leave of logs, see ``error``; infinite where these cannot be
+    so, or not be simulated."""
+    try:
+        model, logs = told.model, read()
+        floors = noise_floors(audits(logs, model.plant))
+        steps = InternalSteps(model, floors)
+        problem = Problem(model, logs, prior_parameters(told), floors, workers, steps=steps)
+        vector = problem.start
+        if problem.free:
+            vector, _, _ = descend(problem, vector, COST_TOLERANCE, MOST_STEPS)
+        return error(problem, vector)
+    except UserError:
+        return np.inf
 
 
 def error(problem: Problem, vector: Array) -> float:
