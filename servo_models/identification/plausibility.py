@@ -46,7 +46,7 @@ FOLLOWS = 0.8  # correlation with the model from which a reading is its output, 
 DRIFT_DEGREE = 2  # degree of the drift taken off: what a constant torque gives a free motor
 ELSEWHERE = 0.5  # distance to the model over its range from which the zero of a reading is off
 STEADY = 3.0  # distance over its standard deviation, from which it is in all rows
-BEYOND = 3.0  # full scales of a rate that no actuator reaches, and of a load that none carries
+BEYOND = 3.0  # full scales of a load that no actuator carries
 MOST_SUPPLY = 2.0  # supply over the one of a variant above which no motor stands it
 LEAST_SUPPLY = 0.2  # supply ratio below which none turns
 MOST_PRIOR = 3.0  # standard deviation over a positive value: more says less than no prior
@@ -336,7 +336,7 @@ def _about_units(
         if any(is_outside(it, wires[name]).any() for name, it in changed.inputs.items()):
             continue
         then = _compared(model, changed)
-        if _makes_sense(model, log, changed, correction, now, then, answer):
+        if _makes_sense(log, correction, now, then):
             sensible.append((_misfit(then), _strangeness(model.plant, changed), correction))
     if not sensible:
         return
@@ -413,7 +413,7 @@ def _corrections(
         for unit, ratio in every[name]:
             yield Correction((name,), ratio, unit)
     yield from _unscaled({name: now[name] for name in unlike})
-    if unlike or _beyond(model, log, answer):
+    if unlike:
         yield from _together(model.plant, every)
     yield from _other_times(log, _misfit(now), answer)
 
@@ -454,46 +454,15 @@ def _other_times(log: Log, misfit: float, answer: float) -> Iterator[Correction]
 
 
 def _makes_sense(
-    model: Model,
-    log: Log,
-    changed: Log,
-    correction: Correction,
-    now: Mapping[str, _Pair],
-    then: Mapping[str, _Pair],
-    answer: float,
+    log: Log, correction: Correction, now: Mapping[str, _Pair], then: Mapping[str, _Pair]
 ) -> bool:
-    """Whether a log fits far better with a correction, or as well and inside the full scale."""
+    """Whether a log fits far better with a correction."""
     first, *others = correction.columns
     touched = list(now) if others or first not in log.outputs else [first]
     before = float(np.mean([now[name].misfit for name in touched]))
     after = float(np.mean([then[name].misfit for name in touched]))
-    if TIME in correction.columns:
-        return after < min(UNLIKE, FAR_BETTER * before)
-    if before > UNLIKE and after < FAR_BETTER * before:
-        return True
-    if not others or after > before + CLOSE:
-        return False
-    return bool(_beyond(model, log, answer)) and not _beyond(model, changed, answer)
-
-
-def _beyond(model: Model, log: Log, answer: float) -> list[str]:
-    """Outputs that leave their full scale, or turn faster than that of their rate."""
-    beyond = []
-    wires = model.plant.wire
-    for name in log.outputs:
-        wire = wires[name]
-        rate = next((w for w in wires.values() if w.unit == f"{wire.unit}/s"), None)
-        if wire.flag or rate is None or not _is_declared(rate):
-            continue
-        usual = outliers(log.outputs[name]) == 0.0
-        values, times = log.outputs[name][usual], log.times[usual]
-        stride = max(1, round(answer / float(np.median(np.diff(times)))))
-        if len(values) <= stride:
-            continue
-        rates = np.abs(values[stride:] - values[:-stride]) / (times[stride:] - times[:-stride])
-        if np.max(rates) > BEYOND * rate.scale:
-            beyond.append(name)
-    return beyond
+    known = after < UNLIKE if TIME in correction.columns else before > UNLIKE
+    return known and after < FAR_BETTER * before
 
 
 def _is_declared(wire: Wire) -> bool:
