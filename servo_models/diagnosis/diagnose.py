@@ -97,9 +97,9 @@ def diagnose(
     logs, flags = without_flags(told.logs, told.model.plant)
     logs = checked_logs(told.model, logs, len(prior_parameters(told)), told.path)
     told = replace(told, logs=logs)
+    check_duration(told.model, told.logs)
     if len(clocks := implausible_clocks(told)) == len(told.logs):  # a search would take hours
         raise UserError("; ".join(clocks))
-    check_duration(told.model, told.logs)
     with stop:
         with Workers(jobs) as workers:
             diagnosis = _diagnose(told, tolerance, seed, workers, left_out, tell, stop, settings)
