@@ -100,9 +100,9 @@ def mistaken_columns(model: Model, log: Log, answer: float) -> Iterator[Mistake]
     pairs = _compared(model, log)
     against = _against(model, log, pairs)
     told = [*_about_signs(model, log, against)]
-    if against:
-        log = _turned(model, log, against)
-        pairs = _compared(model, log)
+    for name in against:
+        log = _reread(model, log, name, np.negative)
+    pairs = _compared(model, log) if against else pairs
     told += [*_about_rates(model, log, pairs), *_about_units(model, log, pairs, answer)]
     told += _about_zeros(model, log, pairs)
     yield from (it for it in told if not it.is_settled(log))
@@ -254,15 +254,14 @@ def _about_signs(model: Model, log: Log, against: Sequence[str]) -> Iterator[Mis
         every = len(against) == sum(not model.plant.wire[it].flag for it in log.outputs)
         if every and len(moving) == 1:
             cure += f"; or turn the sign of {_column(log, moving[0])}"
-        turned = partial(_turned, model, names=[name])
+        turned = partial(_reread, model, name=name, change=np.negative)
         text = f"{_column(log, name)} goes against the command: {cure}"
         yield Mistake(text, [name], turned, everywhere=True)
 
 
-def _turned(model: Model, log: Log, names: Sequence[str]) -> Log:
-    """The log with the other sign of these outputs, and with the start that it then shows."""
-    turned = {name: -values for name, values in log.outputs.items() if name in names}
-    return _begun(model, replace(log, outputs={**log.outputs, **turned}))
+def _reread(model: Model, log: Log, name: str, change: Callable[[Array], Array]) -> Log:
+    """The log with an output read otherwise, and with the start that it then shows."""
+    return _begun(model, replace(log, outputs={**log.outputs, name: change(log.outputs[name])}))
 
 
 def _begun(model: Model, log: Log) -> Log:
@@ -312,14 +311,9 @@ def _about_zeros(model: Model, log: Log, pairs: Mapping[str, _Pair]) -> Iterator
                 f"{_column(log, name)} moves as the model does, but {size:.4g} {unit} off: its zero"
                 f" is elsewhere; give it offset = {-size:.4g}",
                 [name],
-                partial(_moved, model, name=name, by=-off),
+                partial(_reread, model, name=name, change=partial(np.add, -off)),
                 everywhere=True,
             )
-
-
-def _moved(model: Model, log: Log, name: str, by: float) -> Log:
-    """The log with another zero of an output [SI]."""
-    return _begun(model, replace(log, outputs={**log.outputs, name: log.outputs[name] + by}))
 
 
 # Units of columns

@@ -148,7 +148,7 @@ def test_a_time_that_cannot_be_is_asked_for_before_hours_of_search(slower: float
     """Once it has been checked it is asked no more."""
     chosen, log = sane("smart_servo", "xl330", 105)
     log = replace(log, times=slower * log.times)
-    with pytest.raises(UserError, match="answers a step in|slowest time constant"):
+    with pytest.raises(UserError, match=r"answers a step in|slowest time constant"):
         diagnose(described(chosen, log))
     time = replace(log.channels["time"], checked=True)
     settled = replace(log, channels={**log.channels, "time": time})
