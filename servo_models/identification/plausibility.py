@@ -604,17 +604,12 @@ def _retuned(told: Description, read: Callable[[], Sequence[Log]], workers: Work
 def error(problem: Problem, vector: Array) -> float:
     """RMS error over the standard deviation of the readings that a fit sees, over all outputs, so
     of any scale; infinite where such a log cannot be simulated."""
-    values, logs, shares = problem.values(vector), problem.logs, []
-    runs = [run.outputs_or_nan(values).T for run in problem.runs]
-    responses = [dict(zip(log.outputs, outputs)) for log, outputs in zip(logs, runs)]
-    for name in dict.fromkeys(name for log in logs for name in log.outputs):
-        both = [
-            (log.outputs[name][log.fitted], response[name][log.fitted])
-            for log, response in zip(logs, responses)
-            if name in log.outputs
-        ]
-        measured, simulated = (np.concatenate(parts) for parts in zip(*both))
-        if len(measured) and np.ptp(measured) > 0.0:
-            shares.append(rms(simulated - measured) / float(np.std(measured)))
+    parts: dict[str, list[Array]] = {}
+    for run in problem.runs:
+        seen, simulated = run.log.fitted, run.outputs_or_nan(problem.values(vector)).T
+        for (name, measured), column in zip(run.log.outputs.items(), simulated):
+            parts.setdefault(name, []).append(np.stack([measured[seen], column[seen]]))
+    both = (np.concatenate(each, axis=1) for each in parts.values())
+    shares = [rms(b - a) / float(np.std(a)) for a, b in both if len(a) and np.ptp(a) > 0.0]
     found = rms(np.array(shares)) if shares else np.inf
     return found if np.isfinite(found) else np.inf
