@@ -11,7 +11,8 @@
 A mistake is made in a copy of a case whose columns allow it.  It is *named* where a sentence of
 ``check``, or the error that refuses the file, says what it is; a *misleading* answer warns of
 something else alone; the rest is *silent*.  Sentences that the log as it is gets as well do not
-count.  Clean logs that get a sentence at all are *accused*.
+count.  Clean logs of whose columns something is asked are *accused*.  What reading has mended
+stands in a note, and nothing is led with.
 """
 
 from __future__ import annotations
@@ -42,6 +43,7 @@ SERVOS = ("smart_servo", "second_order_servo", "sg90")
 MOTORS = ("dc_motor", "dc_motor_current", "dc_motor_speed", "torque_motor")
 EVERY = SERVOS + MOTORS
 Random = np.random.Generator
+NOTE = "note: "
 Row = dict[str, Any]
 """A ``mistake``, "" for none, the ``case``, and what is ``said`` of it alone."""
 
@@ -547,7 +549,7 @@ def said(rig: Rig) -> list[str]:
             found = check(path, jobs=1)
         except UserError as error:
             return [str(error).replace(str(folder), "")]
-        notes = [note for log in found.description.logs for note in log.notes]
+        notes = [NOTE + note for log in found.description.logs for note in log.notes]
         return [*found.warnings, *notes]
 
 
@@ -597,7 +599,7 @@ def work(cases: Path, out: Path, each: int, only: str, clean: int, leads: bool) 
     for case, rig in every[:clean]:
         if ("", case) not in done:
             row = {"mistake": "", "case": case, "said": said(rig)}
-            if leads and row["said"]:
+            if leads and _is_asked(row):
                 row["led"] = led(rig)
             add(out, row)
 
@@ -614,10 +616,22 @@ def read(path: Path) -> list[Row]:
 
 def judged(row: Row) -> str:
     """Whether a mistake is "named", answered in a "misleading" way, or "silent"."""
-    texts = " ".join(row["said"]).lower()
-    if re.search(MISTAKES[row["mistake"]].says, texts):
+    if _says(row["mistake"], row["said"]):
         return "named"
     return "misleading" if row["said"] else "silent"
+
+
+def _is_asked(row: Row) -> bool:
+    return any("checked = true" in text for text in row["said"])
+
+
+def _is_mended(row: Row) -> bool:
+    """Whether a mistake is named by notes alone, on what reading has changed."""
+    return not _says(row["mistake"], (it for it in row["said"] if not it.startswith(NOTE)))
+
+
+def _says(mistake: str, texts: Iterable[str]) -> bool:
+    return bool(re.search(MISTAKES[mistake].says, " ".join(texts).lower()))
 
 
 def table(rows: list[Row]) -> Iterator[str]:
@@ -633,10 +647,12 @@ def table(rows: list[Row]) -> Iterator[str]:
     yield ""
     for word in ("named", "misleading", "silent"):
         yield f"{word}: {_share(judged(row) == word for row in made_in)}"
-    tried = [bool(row["led"]) for row in made_in if "led" in row]
-    yield f"diagnose leads with what is named: {_share(tried)}"
+    leads = [(row, _says(row["mistake"], [row["led"]])) for row in made_in if "led" in row]
+    yield f"diagnose leads with what is named: {_share(led for _, led in leads)}"
+    asked = [led for row, led in leads if not _is_mended(row)]
+    yield f"and what reading has not mended: {_share(asked)}"
     clean = [row for row in rows if not row["mistake"]]
-    yield f"clean logs accused: {_share(bool(row['said']) for row in clean)}"
+    yield f"clean logs accused: {_share(map(_is_asked, clean))}"
     yield f"clean logs that diagnose leads with: {_share(bool(row.get('led')) for row in clean)}"
 
 

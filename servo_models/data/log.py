@@ -127,7 +127,7 @@ class Log:
     @property
     def interval(self) -> float:
         """Median time from a reading to the next [s], infinite for one."""
-        times = self.times if self.between is None else self.times[~self.between]
+        times = self.times[self.read]
         return float(np.median(np.diff(times))) if len(times) > 1 else np.inf
 
     def at(self, rows: slice | NDArray[np.int64]) -> Log:
@@ -149,7 +149,12 @@ class Log:
         """The log at its readings, without commands between them."""
         if self.between is None:
             return self
-        return replace(self.at(np.flatnonzero(~self.between)), between=None)
+        return replace(self.at(np.flatnonzero(self.read)), between=None)
+
+    @property
+    def read(self) -> Mask:
+        """Samples that are readings, shape (n,)."""
+        return np.ones(len(self.times), dtype=bool) if self.between is None else ~self.between
 
     @property
     def stamps(self) -> Array:

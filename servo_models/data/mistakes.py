@@ -3,7 +3,8 @@
 Each of them makes a diagnosis find a cause that is not there.  Everything is read off the log
 alone, from what a sensor cannot do: noise that vanishes, a position that leaps, an answer that
 comes before its command.  So each is a question until a model is fitted to the log as it would be
-right (``identification.plausibility``).
+right (``identification.plausibility``); but for a copy, rows that repeat, a filter or an average:
+the column shows these better than any model could.
 """
 
 from __future__ import annotations
@@ -20,7 +21,6 @@ from servo_models.core.types import Array, Mask
 from servo_models.data.log import Log
 from servo_models.data.outliers import AFTER, BEFORE, POSITIONS, told
 from servo_models.data.sensor import (
-    TURN,
     difference_noise,
     median_deviation,
     off_neighbours,
@@ -30,14 +30,11 @@ from servo_models.data.sensor import (
 
 LEAST_ROWS = 50  # rows below which chance looks like a mistake
 EQUAL = 1e-9  # difference over the range up to which two readings are the same
-COPIED = 1e-4  # residual against a command over the range up to which a reading is its copy
 REPEATS = 0.1  # share of rows that repeat the one before, up to which noise is seen in a reading
 HELD_ROWS = 12  # rows for which a reading with noise does not repeat itself by chance
 STEPS_OF_NOISE = 2.0  # noise over reading step from which readings change from row to row at rest
-HELD_SHARE = 0.02  # share of all rows at an end of the range above which a reading is clipped
 STUCK_SHARE = 0.1  # share of all rows at one value, in one piece, above which a reading is stuck
-STRAIGHT = 1e-5  # second difference over the range up to which three readings lie on a line
-STRAIGHT_SHARE = 0.55  # share of moving rows on a line, above which every other row was put between
+STRAIGHT = 1e-5  # distance over the range up to which readings lie on a line
 BENT = 20.0  # second difference elsewhere over that on a line, above which rows were put between
 LEAP_RATIO = 5.0  # size of a leap over the largest other step, or the reading step, at least
 LEAST_LEAP = 0.1  # size of a leap over the range, at least
@@ -48,13 +45,10 @@ SAME_LEAP = 0.15  # deviation of leaps from their median, relative, up to which 
 WRAPPED = 0.6  # size of a leap over the range above which a counter begins anew
 PLACEHOLDERS = 3  # rows of one number far outside the range of the others, if it is no reading
 JUMP = 0.05  # change between two rows over the range above which a command jumps
-FAR_JUMP = 0.2  # change over the range from which a column jumps as a command does
 AHEAD_ROWS = (64, 40, 24, 16, 10, 6, 4)  # rows before a jump in which an answer comes too early
 LEAST_JUMPS = 2  # jumps of a command at which an answer before them is no accident
 QUIET = 3  # rows before these for which the command stands, over their number
-LIKE_SIGNED = 0.8  # share of jumps preceded by motion in the same direction, at least
 SUDDEN = 4.0  # motion ahead of jumps over that before it, and over its noise
-AHEAD_SHARE = 0.05  # motion ahead of jumps over the answer in the rows after them
 LOADS = ("N", "N.m")  # units of inputs that are no command
 AVERAGED = -0.35  # correlation of third differences below which readings are means; -1/2 in theory
 ELSE_AVERAGED = 0.6  # correlation elsewhere over this one, at most, if readings are means
@@ -76,7 +70,8 @@ class Mistake(str):
 
     Attributes:
         columns: signals that it is about; none for whole rows.
-        mended: returns the log as it would be right, None where no other reading of it is known.
+        mended: returns the log as it would be right; None for what no reading of the log can try,
+            since it alone shows what no actuator makes.
         everywhere: it holds for every log that reads these columns alike, not for rows of this one.
     """
 
@@ -106,13 +101,20 @@ def _without(rows: Mask) -> Mend:
     """The log without these rows in a fit."""
 
     def mended(log: Log) -> Log:
-        return replace(log, skipped=rows if log.skipped is None else rows | log.skipped)
+        skipped = ~log.counted
+        skipped[log.read] |= rows
+        return replace(log, skipped=skipped)
 
     return mended
 
 
 def _with_output(name: str, values: Array) -> Mend:
-    return lambda log: replace(log, outputs={**log.outputs, name: values})
+    def mended(log: Log) -> Log:
+        found = log.outputs[name].copy()
+        found[log.read] = values
+        return replace(log, outputs={**log.outputs, name: found})
+
+    return mended
 
 
 def _exchanged(output: str, command: str) -> Mend:
@@ -144,7 +146,10 @@ def mistakes(log: Log, plant: Plant, steps: Mapping[str, float]) -> Iterator[Mis
         wire = plant.wire[name]
         if wire.flag or len(values) < LEAST_ROWS or not np.ptp(values):
             continue
-        told = [*_copied(log, name, values)] or [*_swapped(log, name, values)]
+        told = [*_copied(log, name, values)]
+        if not told and (told := [*_swapped(log, plant, name, values)]):
+            # what else is wrong with the reading, its own column shows
+            told += _held(log, name, log.inputs[told[0].columns[1]], 0.0)
         step = steps.get(name, 0.0)
         told = told or [*_placeholders(log, wire, values, step)]
         told = told or [*_leaps(log, wire, values, step), *_held(log, name, values, step)]
@@ -164,10 +169,7 @@ def _doubled(log: Log) -> Iterator[Mistake]:
         return
     pairs = [np.array_equal(it[: 2 * half : 2], it[1 : 2 * half : 2]) for it in columns]
     if all(pairs) and any(_repeats(it[::2]) < REPEATS for it in columns):
-        one_of_each = np.arange(0, len(log.times), 2)
-        yield Mistake(
-            "every row is there twice: keep one of each", (), lambda it: it.at(one_of_each)
-        )
+        yield Mistake("every row is there twice: keep one of each")
 
 
 def _placeholders(log: Log, wire: Wire, values: Array, step: float) -> Iterator[Mistake]:
@@ -197,7 +199,7 @@ def _copied(log: Log, name: str, values: Array) -> Iterator[Mistake]:
             continue
         line = np.polyfit(command, values, 1)
         left = values - np.polyval(line, command)
-        if np.max(np.abs(left)) < COPIED * np.ptp(values):
+        if np.max(np.abs(left)) < STRAIGHT * np.ptp(values):
             yield Mistake(
                 f"'{name}' is a copy of '{other}', row by row: nothing that moves follows its"
                 " command so; read the column that was measured",
@@ -205,12 +207,13 @@ def _copied(log: Log, name: str, values: Array) -> Iterator[Mistake]:
             )
 
 
-def _swapped(log: Log, name: str, values: Array) -> Iterator[Mistake]:
+def _swapped(log: Log, plant: Plant, name: str, values: Array) -> Iterator[Mistake]:
     """A reading that jumps and stays, as commands do, beside a command with noise."""
-    if _repeats(values) < 1.0 - REPEATS or not _jumps_far(values):
+    if _repeats(values) < 1.0 - REPEATS:
         return
-    for other, command in log.inputs.items():
-        if np.ptp(command) and _repeats(command) < REPEATS and not _jumps_far(command):
+    for other, command in _commands(log, plant):
+        inside = command[(command > np.min(command)) & (command < np.max(command))]  # unclipped
+        if len(inside) >= LEAST_ROWS and _repeats(inside) < REPEATS:
             yield Mistake(
                 f"'{name}' jumps and stays, as a command does, while '{other}' has noise, as a"
                 " reading has: their columns are swapped",
@@ -218,10 +221,6 @@ def _swapped(log: Log, name: str, values: Array) -> Iterator[Mistake]:
                 _exchanged(name, other),
                 everywhere=True,
             )
-
-
-def _jumps_far(values: Array) -> bool:
-    return bool(np.max(np.abs(np.diff(values))) >= FAR_JUMP * np.ptp(values))
 
 
 def _repeats(values: Array) -> float:
@@ -238,15 +237,6 @@ def _leaps(log: Log, wire: Wire, values: Array, step: float) -> Iterator[Mistake
     sizes = np.sort(np.abs(steps))[::-1][: MOST_LEAPS + 1]
     ratios = sizes[:-1] / np.maximum(sizes[1:], max(step, EQUAL * np.ptp(values)))
     count = int(np.argmax(ratios)) + 1
-    turned = wire.unit == "rad" and WRAPPED * TURN < np.ptp(values) < (1.0 + EQUAL) * TURN
-    if turned and sizes[0] > 0.5 * TURN:
-        row = log.rows[np.argmax(np.abs(steps) > 0.5 * TURN) + 1]
-        yield Mistake(
-            f"'{wire.name}' wraps at a turn, the first time in row {row}: unwrap it",
-            [wire.name],
-            _with_output(wire.name, np.unwrap(values, period=TURN)),
-        )
-        return
     if ratios[count - 1] < LEAP_RATIO or sizes[count - 1] < LEAST_LEAP * np.ptp(values):
         return
     where = np.flatnonzero(np.abs(steps) >= sizes[count - 1])
@@ -275,7 +265,7 @@ def _leaps(log: Log, wire: Wire, values: Array, step: float) -> Iterator[Mistake
 def _leapt(steps: Array, where: NDArray[np.int64]) -> Array:
     """How far a reading has leapt in all before each row, beyond its motion, shape (n,)."""
     leaps, last = np.zeros(len(steps) + 1), len(steps) - 1
-    motion = 0.5 * (steps[np.maximum(where - 1, 0)] + steps[np.minimum(where + 1, last)])
+    motion = (steps[np.maximum(where - 1, 0)] + steps[np.minimum(where + 1, last)]) / 2.0
     leaps[where + 1] = steps[where] - motion
     return np.cumsum(leaps)
 
@@ -310,7 +300,7 @@ def _held(log: Log, name: str, values: Array, step: float) -> Iterator[Mistake]:
         return
     ends = np.isin(values[starts], (np.min(values), np.max(values))) & long
     rows = int(lengths[ends].sum())
-    if rows > HELD_SHARE * len(values) and ends.sum() > 1:
+    if ends.sum() > 1:
         yield Mistake(
             f"'{name}' {CLIPPING}: it stays at an end of its range, without noise, in {rows} rows;"
             " log smaller moves, or with a wider range",
@@ -351,7 +341,7 @@ def _stands(log: Log, plant: Plant, name: str, values: Array) -> Iterator[Mistak
 def _straight(name: str, values: Array) -> Iterator[Mistake]:
     """A reading that runs in straight lines: most of its rows were interpolated."""
     bends = np.abs(np.diff(values, 2))
-    moving = np.abs(values[2:] - values[:-2]) > 4.0 * STRAIGHT * np.ptp(values)
+    moving = np.abs(values[2:] - values[:-2]) > 2.0 * STRAIGHT * np.ptp(values)
     if moving.sum() < LEAST_ROWS:
         return
     flat = STRAIGHT * np.ptp(values)
@@ -359,8 +349,8 @@ def _straight(name: str, values: Array) -> Iterator[Mistake]:
     if straight.all():  # one ramp has no bends to tell
         return
     bent = float(np.median(bends[moving][~straight]))
-    if np.mean(straight) > STRAIGHT_SHARE and bent > BENT * flat:
-        every = round(1.0 / max(1.0 - float(np.mean(straight)), 1e-9))
+    if np.median(bends[moving]) <= flat and bent > BENT * flat:
+        every = round(1.0 / (1.0 - float(np.mean(straight))))
         yield Mistake(
             f"'{name}' runs in straight lines, with a bend about every {every} rows: it was read"
             " less often and resampled; log the rows that were read",
@@ -472,8 +462,7 @@ def _before_jumps(command: Array, values: Array) -> tuple[int, int]:
         ahead, answer = moves[-2:, calm]
         if np.median(answer) < 0.0:
             ahead, answer = -ahead, -answer
-        usual = max(float(np.median(before[calm])), 1.5 * noise / np.sqrt(len(calm)))
-        sudden = np.median(ahead) > max(SUDDEN * usual, AHEAD_SHARE * float(np.median(answer)))
-        if sudden and np.mean(ahead > 0.0) > LIKE_SIGNED:
+        usual = max(float(np.median(before[calm])), 2.0 * noise / np.sqrt(len(calm)))
+        if np.median(ahead) > SUDDEN * usual:
             return rows, len(calm)
     return 0, 0

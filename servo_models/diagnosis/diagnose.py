@@ -29,6 +29,7 @@ from servo_models.identification.fit import checked_logs
 from servo_models.identification.plausibility import (
     FAR_BETTER,
     error,
+    implausible_clocks,
     likely,
     mended,
     questions,
@@ -98,6 +99,8 @@ def diagnose(
     logs = checked_logs(told.model, logs, len(prior_parameters(told)), told.path)
     told = replace(told, logs=logs)
     check_duration(told.model, told.logs)
+    if len(clocks := implausible_clocks(told)) == len(told.logs):  # a search would take hours
+        raise UserError("; ".join(clocks))
     with stop:
         with Workers(jobs) as workers:
             diagnosis = _diagnose(told, tolerance, seed, workers, left_out, tell, stop, settings)
@@ -130,20 +133,18 @@ def _mistake(
     told: Description, asked: Sequence[Audit], fitter: Fitter, best: FittedModel, stop: Stop
 ) -> str:
     """Which log is surely not what was measured: read otherwise, it is explained far better than by
-    the best effects as it stands."""
+    the best effects as it stands; or it shows what no actuator makes, and nothing mends that."""
     most = FAR_BETTER * _error(best)
     errors = tried(told, asked, fitter.workers)
-    if not errors:
-        return ""
-    mistake = min(errors, key=errors.__getitem__)
-    (log, *_) = (it.log for it in asked if mistake in it.mistakes)
-    if errors[mistake] > most:  # with its best effects as well
-        right = replace(told, logs=tuple(mended(told.logs, log, mistake)))
+    likeliest = min(errors, key=errors.__getitem__, default=None)
+    sure = [it for audit in asked for it in audit.mistakes if not it.mended]
+    said = likeliest if likeliest and errors[likeliest] <= most else next(iter(sure), None)
+    if likeliest and not said:  # with its best effects as well
+        right = replace(told, logs=tuple(mended(told.logs, asked, likeliest)))
         floors = noise_floors(audits(right.logs, told.model.plant))
         again = _fitter(right, floors, fitter.workers, stop, fitter.settings)
-        if _error(select_effects(again).taken) > most:
-            return ""
-    return f"log '{log.name}': {mistake}"
+        said = likeliest if _error(select_effects(again).taken) <= most else None
+    return next((f"log '{it.log.name}': {said}" for it in asked if said in it.mistakes), "")
 
 
 def _error(model: FittedModel) -> float:
@@ -204,10 +205,10 @@ def _diagnose(
     mistake = _mistake(told, audited, fitter, selection.taken, stop) if is_left else ""
     usual = not mistake and not fitter.between_rows
     held_out = held_out_scores(selection)
-    worse = contradicted(held_out, settings.least_gain)
+    against = contradicted(selection, held_out, settings.least_gain)
     # learnt from whole searches in logs as they should be
     calibrated = usual and not selection.unfinished
-    known = probabilities(selection, verdict, worse) if calibrated else {}
+    known = probabilities(selection, verdict, against) if calibrated else {}
     lacking += [SHAPE] if shaped and not learns else []
     if tell and learns:
         tell("learning the shape of what is left")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from servo_models.diagnosis.calibration import calibrated, doubtful
@@ -77,21 +77,22 @@ def undetermined(taken: FittedModel) -> tuple[str, ...]:
     )
 
 
-def doubted(selection: Selection, verdict: Verdict, worse: bool) -> tuple[str, ...]:
-    """Return the effects that were taken and are not said to explain the gap.
-
-    ``worse`` says that what is held out gets worse with them, or hardly better.
-    """
+def doubted(selection: Selection, verdict: Verdict, contradicted: Sequence[str]) -> tuple[str, ...]:
+    """Return the effects that were taken and are not said to explain the gap, those among them
+    that what is held out contradicts."""
     taken = selection.taken
     if verdict.kind not in (EFFECT, EFFECTS):
         return ()
-    return taken.effects if worse or not taken.converged else undetermined(taken)
+    less = taken.effects if not taken.converged else (*contradicted, *undetermined(taken))
+    return tuple(name for name in taken.effects if name in less)
 
 
-def probabilities(selection: Selection, verdict: Verdict, worse: bool) -> dict[str, float]:
+def probabilities(
+    selection: Selection, verdict: Verdict, contradicted: Sequence[str]
+) -> dict[str, float]:
     """Return the probability of each effect being among the causes, by name; none outside the
     catalogue, where none of the effects explains all."""
-    less_sure = doubted(selection, verdict, worse)
+    less_sure = doubted(selection, verdict, contradicted)
     told = calibrated(verdict.weights, verdict.kind)
     return {name: doubtful(p) if name in less_sure else p for name, p in told.items()}
 

@@ -198,11 +198,10 @@ class Diagnosis(Parametrised, Result):
         """Effects that were taken and are not said to explain the gap."""
         return doubted(self.selection, self.verdict, self.contradicted)
 
-    @property
-    def contradicted(self) -> bool:
-        """Whether what is held out speaks against the effects that were taken."""
-        effects = self.selection.taken.effects
-        return bool(effects) and contradicted(self.held_out, self.settings.least_gain)
+    @cached_property
+    def contradicted(self) -> tuple[str, ...]:
+        """Effects that were taken against which speaks what is held out."""
+        return contradicted(self.selection, self.held_out, self.settings.least_gain)
 
     @property
     def helps(self) -> bool:

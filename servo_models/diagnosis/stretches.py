@@ -107,10 +107,25 @@ def gains(scores: Sequence[HeldOut], since: str, least_gain: float) -> bool:
     return bool(count @ new**2 <= (1.0 - least_gain) ** 2 * (count @ old**2))
 
 
-def contradicted(scores: Sequence[HeldOut], least_gain: float) -> bool:
-    """Return whether effects that were taken make a log worse that is held out, or all of them
-    better by less than the least gain."""
-    return any(one.worse for one in scores) or not gains(scores, "retuned", least_gain)
+def contradicted(
+    selection: Selection, scores: Sequence[HeldOut], least_gain: float
+) -> tuple[str, ...]:
+    """Return the effects against which speaks what is held out: all that were taken where a log
+    gets worse, or all logs better by less than the least gain; else those that, beside the others,
+    lower its error by less."""
+    taken = selection.taken
+    if any(one.worse for one in scores) or not gains(scores, "retuned", least_gain):
+        return taken.effects
+    fewer = {frozenset(it.causes): it for it in reversed(selection.tried)}
+    others = {name: fewer.get(frozenset(taken.causes) - {name}) for name in taken.effects}
+    least = _unseen(taken) / (1.0 - least_gain) ** 2
+    return tuple(name for name, model in others.items() if model and _unseen(model) < least)
+
+
+def _unseen(model: FittedModel) -> float:
+    """Squared errors [noise floors^2] at samples that are held out."""
+    squares = model.problem.held_out_squares(model.values)
+    return float(sum(np.mean(each, axis=0).sum() for each in squares))
 
 
 @dataclass(frozen=True)

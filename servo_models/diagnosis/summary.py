@@ -214,7 +214,9 @@ def not_asserted(diagnosis: Diagnosis) -> str:
     worse = [one.log for one in diagnosis.held_out if one.worse]
     if diagnosis.contradicted and not worse:
         least = f"{100.0 * diagnosis.settings.least_gain:.3g} %"
-        return f"against parameters alone the error held out falls by less than {least}"
+        some = len(diagnosis.contradicted) < len(taken.effects)
+        than = f"the model without {listed(diagnosis.contradicted)}" if some else "parameters alone"
+        return f"against {than} the error held out falls by less than {least}"
     if worse:
         return f"log '{worse[0]}', held out, gets worse"
     if mistaken(diagnosis):
@@ -245,7 +247,7 @@ def none_explains(diagnosis: Diagnosis) -> str:
 def _undecided(diagnosis: Diagnosis) -> str:
     """What is not told apart; effects that every fitted model left names are no part of it."""
     left, members = diagnosis.verdict.rivals, diagnosis.verdict.members
-    doubt = ", if any" * diagnosis.contradicted
+    doubt = ", if any" * (diagnosis.contradicted == diagnosis.selection.taken.effects)
     if sum(slot.open for slots in diagnosis.alternatives for slot in slots) > 1:
         return f"These logs cannot tell which effects they are{doubt}: {choices(diagnosis)}"
     surely = [name for name in members if left and all(name in one.effects for one in left)]

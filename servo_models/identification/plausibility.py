@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
@@ -43,26 +43,19 @@ from servo_models.units import factor, fitting_unit, other_units, parse
 
 TIME = "time"
 UNLIKE = 0.5  # misfit of another motion: 4 of 42 real outputs reach it; a factor of 6 makes 0.68
-BETTER = 0.5  # misfit with another unit over that without, up to which it makes sense
 CLOSE = 0.05  # difference of misfits that count as alike
-SLOWER = 0.8  # misfit ratio for a log sampled more slowly than the actuator answers
-STILL_FITS = 1.05  # misfit ratio where the motion exceeds the full scale
-SEEN = 0.02  # misfit below which no other unit of time is looked for
 FAR = 4.0  # ratio of two motions from which one of them is not scaled
 FOLLOWS = 0.8  # correlation with the model from which a reading is its output, scaled or turned
 DRIFT_DEGREE = 2  # degree of the drift taken off: what a constant torque gives a free motor
 ELSEWHERE = 0.5  # distance to the model over its range from which the zero of a reading is off
 STEADY = 3.0  # distance over its standard deviation, from which it is in all rows
-BEYOND = 3.0  # full scales of a rate, or of an output, that no actuator reaches
-LONGEST = 5e6  # internal steps that are worth a look at another unit of time
+BEYOND = 3.0  # full scales of a load that no actuator carries
 MOST_SUPPLY = 2.0  # supply over the one of a variant above which no motor stands it
 LEAST_SUPPLY = 0.2  # supply ratio below which none turns
-MOST_LOAD = 5.0  # full scales of a constant load: several times what stalls the actuator
 MOST_PRIOR = 3.0  # standard deviation over a positive value: more says less than no prior
-MOST_INTERVAL = 2.0  # sampling interval over the response time: longer ones show only the end
 LEAST_DURATION = 0.1  # duration of a log over the response time
 NO_BETTER = 0.8  # error of logs as they would be right over that as they stand, if nothing is asked
-FAR_BETTER = 0.5  # error of logs as they would be right over that as they stand, at most
+FAR_BETTER = 0.5  # the same, or the misfit of one log, from which it is surely so
 COST_TOLERANCE = 1e-3  # relative decrease of the cost that ends a trial
 ALIKE = 1.0 + 10.0 * COST_TOLERANCE  # errors of trials in this ratio are the same
 MOST_STEPS = 5  # of a trial
@@ -114,10 +107,10 @@ def mistaken_columns(model: Model, log: Log, answer: float) -> Iterator[Mistake]
     pairs = _compared(model, log)
     against = _against(model, log, pairs)
     told = [*_about_signs(model, log, against)]
-    if against:
-        log = _turned(model, log, against)
-        pairs = _compared(model, log)
-    told += [*_about_rates(log, pairs)] or _about_units(model, log, pairs, answer)
+    for name in against:
+        log = _reread(model, log, name, np.negative)
+    pairs = _compared(model, log) if against else pairs
+    told += [*_about_rates(model, log, pairs), *_about_units(model, log, pairs, answer)]
     told += _about_zeros(model, log, pairs)
     yield from (it for it in told if not it.is_settled(log))
 
@@ -129,30 +122,32 @@ def implausible_clocks(described: Description) -> tuple[str, ...]:
     """
     answer = answer_time(described.model)
     return tuple(
-        f"log '{log.name}': {text}"
+        f"log '{log.name}': {it}"
         for log in described.logs
-        for text in _about_clock(described.model, log, answer)
+        for it in _about_clock(described.model, log, answer)
+        if not it.is_settled(log)
     )
 
 
-def _about_clock(model: Model, log: Log, answer: float) -> Iterator[str]:
-    interval = log.interval
-    slow, short = interval > MOST_INTERVAL * answer, log.duration < LEAST_DURATION * answer
+def _about_clock(model: Model, log: Log, answer: float) -> Iterator[Mistake]:
+    interval, most = log.interval, answer / 2.0  # a sample as it moves, and one at the end
+    slow, short = interval > most, log.duration < LEAST_DURATION * answer
     if not (slow or short):
         return
     told = _channel(log, TIME).told[1]
     unit = fitting_unit(
         "s",
         told,
-        lambda it: it * interval <= answer and it * log.duration >= LEAST_DURATION * answer,
+        lambda it: it * interval <= most and it * log.duration >= LEAST_DURATION * answer,
     )
     lasts = f"is sampled every {interval:.3g} s" if slow else f"lasts {log.duration:.3g} s"
     cure = "no sample shows how it moves: log faster" if slow else "log longer"
     if unit:
         cure = f'{unit} would make sense: give it time.unit = "{unit}"'
-    yield (
+    yield Mistake(
         f"{_column(log, TIME)} is read in {told}, so the log {lasts},"
-        f" while '{model.actuator.name}' answers a step in {answer:.3g} s; {cure}"
+        f" while '{model.actuator.name}' answers a step in {answer:.3g} s; {cure}",
+        [TIME],
     )
 
 
@@ -202,7 +197,7 @@ def _about_held_inputs(model: Model, log: Log) -> Iterator[str]:
         level, stated = float(np.median(values)), wire.name in log.constants
         if wire.rest:
             yield from _about_supply(model, log, wire, level)
-        elif stated and _is_declared(wire) and abs(level) > MOST_LOAD * wire.scale:
+        elif stated and _is_declared(wire) and abs(level) > BEYOND * wire.scale:
             yield (
                 f"'{wire.name}' = {level:g} {wire.unit} is {abs(level) / wire.scale:.3g} times the"
                 f" full scale of '{model.actuator.name}', {wire.scale:g} {wire.unit}: give what"
@@ -244,13 +239,17 @@ def _against(model: Model, log: Log, pairs: Mapping[str, _Pair]) -> list[str]:
 
 
 def _follows(measured: Array, response: Array) -> bool:
-    """Whether two signals go together, whatever drift an unknown load gives a free motor."""
+    return _correlation(measured, response) > FOLLOWS
+
+
+def _correlation(measured: Array, response: Array) -> float:
+    """How well two signals go together, whatever drift an unknown load gives a free motor."""
     drift = np.vander(np.linspace(-1.0, 1.0, len(measured)), DRIFT_DEGREE + 1)
     both = np.column_stack([measured, response])
     both = both - drift @ np.linalg.lstsq(drift, both, rcond=None)[0]
     if not np.all(np.std(both, axis=0)):
-        return False
-    return float(np.corrcoef(both[:, 0], both[:, 1])[0, 1]) > FOLLOWS
+        return 0.0
+    return float(np.corrcoef(both[:, 0], both[:, 1])[0, 1])
 
 
 def _about_signs(model: Model, log: Log, against: Sequence[str]) -> Iterator[Mistake]:
@@ -262,15 +261,14 @@ def _about_signs(model: Model, log: Log, against: Sequence[str]) -> Iterator[Mis
         every = len(against) == sum(not model.plant.wire[it].flag for it in log.outputs)
         if every and len(moving) == 1:
             cure += f"; or turn the sign of {_column(log, moving[0])}"
-        turned = partial(_turned, model, names=[name])
+        turned = partial(_reread, model, name=name, change=np.negative)
         text = f"{_column(log, name)} goes against the command: {cure}"
         yield Mistake(text, [name], turned, everywhere=True)
 
 
-def _turned(model: Model, log: Log, names: Sequence[str]) -> Log:
-    """The log with the other sign of these outputs, and with the start that it then shows."""
-    turned = {name: -values for name, values in log.outputs.items() if name in names}
-    return _begun(model, replace(log, outputs={**log.outputs, **turned}))
+def _reread(model: Model, log: Log, name: str, change: Callable[[Array], Array]) -> Log:
+    """The log with an output read otherwise, and with the start that it then shows."""
+    return _begun(model, replace(log, outputs={**log.outputs, name: change(log.outputs[name])}))
 
 
 def _begun(model: Model, log: Log) -> Log:
@@ -283,16 +281,27 @@ def _begun(model: Model, log: Log) -> Log:
 # Columns of something else
 
 
-def _about_rates(log: Log, pairs: Mapping[str, _Pair]) -> Iterator[Mistake]:
-    """Readings that go together with the rate of what they are read as."""
+def _about_rates(model: Model, log: Log, pairs: Mapping[str, _Pair]) -> Iterator[Mistake]:
+    """Readings that go together with the rate of what they are read as, rather than with it."""
     for name in _unlike(pairs):
         measured, response, rate = pairs[name]
-        if _follows(measured, rate) and not _follows(measured, response):
+        if _correlation(measured, rate) > max(_correlation(measured, response), 0.0):
             yield Mistake(
                 f"{_column(log, name)} moves as the rate of '{name}' does: read it as a rate,"
                 " or read the column that was measured",
                 [name],
+                partial(_summed, model, name=name),
+                everywhere=True,
             )
+
+
+def _summed(model: Model, log: Log, name: str) -> Log:
+    """The log with an output summed up over time, from where the model is."""
+    rates, response = log.outputs[name], _compared(model, log)[name].response
+    steps = 0.5 * (rates[1:] + rates[:-1]) * np.diff(log.times)
+    sums = np.concatenate([[0.0], np.cumsum(steps)])
+    sums += np.median(response) - np.median(sums)
+    return replace(log, outputs={**log.outputs, name: sums})
 
 
 def _about_zeros(model: Model, log: Log, pairs: Mapping[str, _Pair]) -> Iterator[Mistake]:
@@ -310,14 +319,9 @@ def _about_zeros(model: Model, log: Log, pairs: Mapping[str, _Pair]) -> Iterator
                 f"{_column(log, name)} moves as the model does, but {off * to_unit:.4g} {unit} off:"
                 f" its zero is elsewhere; give it offset = {offset:.4g}",
                 [name],
-                partial(_moved, model, name=name, by=-off),
+                partial(_reread, model, name=name, change=partial(np.add, -off)),
                 everywhere=True,
             )
-
-
-def _moved(model: Model, log: Log, name: str, by: float) -> Log:
-    """The log with another zero of an output [SI]."""
-    return _begun(model, replace(log, outputs={**log.outputs, name: log.outputs[name] + by}))
 
 
 # Units of columns
@@ -334,7 +338,7 @@ def _about_units(
         if any(is_outside(it, wires[name]).any() for name, it in changed.inputs.items()):
             continue
         then = _compared(model, changed)
-        if _makes_sense(model, log, changed, correction, now, then, answer):
+        if _makes_sense(log, correction, now, then):
             sensible.append((_misfit(then), _strangeness(model.plant, changed), correction))
     if not sensible:
         return
@@ -411,9 +415,9 @@ def _corrections(
         for unit, ratio in every[name]:
             yield Correction((name,), ratio, unit)
     yield from _unscaled({name: now[name] for name in unlike})
-    if unlike or _beyond(model, log, answer):
+    if unlike:
         yield from _together(model.plant, every)
-    yield from _other_times(model, log, _misfit(now), answer)
+    yield from _other_times(log, _misfit(now), answer)
 
 
 def _together(
@@ -439,62 +443,28 @@ def _unscaled(pairs: Mapping[str, _Pair]) -> Iterator[Correction]:
                 yield Correction((name,), ratio, "")
 
 
-def _other_times(model: Model, log: Log, misfit: float, answer: float) -> Iterator[Correction]:
-    """Shorter ones where the misfit can be seen, longer ones where the log is over at once."""
-    step = model.values.get("internal_step", answer)
+def _other_times(log: Log, misfit: float, answer: float) -> Iterator[Correction]:
+    """Shorter ones, and longer ones where the log is over at once."""
     for unit, ratio in other_units("s", _channel(log, TIME).told[1]):
-        shorter = ratio < 1.0 and misfit > SEEN
-        longer = ratio > 1.0 and log.duration < BEYOND * answer and misfit > UNLIKE
-        if (shorter or longer) and ratio * log.duration < LONGEST * step:
+        longer = log.duration < answer and misfit > UNLIKE
+        if (ratio < 1.0 or longer) and 2.0 * ratio * log.interval < answer:
             yield Correction((TIME,), ratio, unit)
-    ratio = 0.5 / FAR  # four times slower may be a rig
-    while misfit > SEEN and ratio * log.duration > answer:
+    ratio = 1.0 / (2.0 * FAR)  # four times slower may be a rig
+    while ratio * log.duration > answer:
         yield Correction((TIME,), ratio, "")
-        ratio *= 0.5
+        ratio /= 2.0
 
 
 def _makes_sense(
-    model: Model,
-    log: Log,
-    changed: Log,
-    correction: Correction,
-    now: Mapping[str, _Pair],
-    then: Mapping[str, _Pair],
-    answer: float,
+    log: Log, correction: Correction, now: Mapping[str, _Pair], then: Mapping[str, _Pair]
 ) -> bool:
-    """Whether a log fits far better with a correction, or as well and inside the full scale."""
+    """Whether a log fits far better with a correction."""
     first, *others = correction.columns
     touched = list(now) if others or first not in log.outputs else [first]
     before = float(np.mean([now[name].misfit for name in touched]))
     after = float(np.mean([then[name].misfit for name in touched]))
-    if TIME in correction.columns:
-        slow = correction.ratio < 1.0 and log.interval > answer
-        return after < UNLIKE and after < (SLOWER if slow else BETTER) * before
-    if before > UNLIKE and after < BETTER * before:
-        return True
-    if not others or after > STILL_FITS * before + CLOSE * UNLIKE:
-        return False
-    return bool(_beyond(model, log, answer)) and not _beyond(model, changed, answer)
-
-
-def _beyond(model: Model, log: Log, answer: float) -> list[str]:
-    """Outputs that leave their full scale, or turn faster than that of their rate."""
-    beyond = []
-    wires = model.plant.wire
-    for name in log.outputs:
-        wire = wires[name]
-        rate = next((w for w in wires.values() if w.unit == f"{wire.unit}/s"), None)
-        if wire.flag or rate is None or not _is_declared(rate):
-            continue
-        usual = outliers(log.outputs[name]) == 0.0
-        values, times = log.outputs[name][usual], log.times[usual]
-        stride = max(1, round(0.25 * answer / float(np.median(np.diff(times)))))
-        if len(values) <= stride:
-            continue
-        rates = np.abs(values[stride:] - values[:-stride]) / (times[stride:] - times[:-stride])
-        if float(np.percentile(rates, 99.9)) > BEYOND * rate.scale:
-            beyond.append(name)
-    return beyond
+    known = after < UNLIKE if TIME in correction.columns else before > UNLIKE
+    return known and after < FAR_BETTER * before
 
 
 def _is_declared(wire: Wire) -> bool:
@@ -661,22 +631,16 @@ def questions(told: Description) -> tuple[Audit, ...]:
     )
 
 
-def tried(told: Description, asked: Sequence[Audit], workers: Workers = ALONE) -> Tried:
-    """Try every mistake of which another reading is known; what is said of several logs, once."""
-    errors: dict[Mistake, float] = {}
-    for log, audit in zip(told.logs, asked):
-        for mistake in audit.mistakes:
-            if mistake.mended and not (mistake.everywhere and mistake in errors):
-                errors[mistake] = _left(told, log, mistake, workers)
-    return errors
-
-
-def _left(told: Description, log: Log, mistake: Mistake, workers: Workers) -> float:
-    """Error that is left of the logs as they would be right; infinite where they cannot be so."""
-    try:
-        return retuned(told, mended(told.logs, log, mistake), workers)
-    except UserError:
-        return np.inf
+def tried(
+    told: Description, asked: Sequence[Audit], workers: Workers = ALONE, columns: bool = False
+) -> Tried:
+    """Try every mistake of which another reading is known, or those of whole ``columns``; what is
+    asked of several logs, once."""
+    return {
+        mistake: _retuned(told, partial(mended, told.logs, asked, mistake), workers)
+        for mistake in dict.fromkeys(it for audit in asked for it in audit.mistakes)
+        if mistake.mended and (mistake.everywhere or not columns)
+    }
 
 
 def likely(
@@ -686,17 +650,8 @@ def likely(
 
     What is asked of single rows stays: without them nothing says how well they would fit.
     """
-
-    def of_columns(audit: Audit) -> tuple[Mistake, ...]:
-        return tuple(it for it in audit.mistakes if it.everywhere)
-
-    errors = tried(told, [replace(it, mistakes=of_columns(it)) for it in asked], workers)
-    if not errors:
-        return tuple(asked)
-    try:
-        most = NO_BETTER * retuned(told, told.logs, workers)
-    except UserError:  # as they stand they cannot be: any other reading is better
-        most = np.inf
+    errors = tried(told, asked, workers, columns=True)
+    most = NO_BETTER * _retuned(told, lambda: told.logs, workers) if errors else np.inf
 
     def kept(audit: Audit) -> Iterator[Mistake]:
         """Of several readings of a column, the first of those that leave the least."""
@@ -712,50 +667,46 @@ def likely(
     return tuple(replace(it, mistakes=tuple(kept(it))) for it in asked)
 
 
-def mended(logs: Sequence[Log], of: Log, mistake: Mistake) -> list[Log]:
-    """The logs as they would be right: all that read the columns alike, or this one alone."""
+def mended(logs: Sequence[Log], asked: Sequence[Audit], mistake: Mistake) -> list[Log]:
+    """The logs as they would be right: all that read the columns alike, or of whose rows something
+    is asked in the same columns."""
+    of = next(log for log, audit in zip(logs, asked) if mistake in audit.mistakes)
 
-    def alike(log: Log) -> bool:
-        columns = [(it.channels.get(name) for it in (log, of)) for name in mistake.columns]
-        return log is of or (mistake.everywhere and all(a == b for a, b in columns))
+    def right(log: Log, audit: Audit) -> Log:
+        alike = [of.channels.get(it) == log.channels.get(it) for it in mistake.columns]
+        own = [it for it in audit.mistakes if it.mended and it.columns == mistake.columns]
+        if log is of or (mistake.everywhere and all(alike)):
+            own = [mistake]
+        return own[0].mended(log) if own and own[0].mended else log
 
-    assert mistake.mended
-    return [mistake.mended(log) if alike(log) else log for log in logs]
+    return [right(log, audit) for log, audit in zip(logs, asked)]
 
 
-def retuned(told: Description, logs: Sequence[Log], workers: Workers = ALONE) -> float:
-    """Error that re-tuned parameters leave, see ``error``.
-
-    Raises:
-        UserError: the logs cannot be simulated.
-    """
-    model, most = told.model, LONGEST * told.model.values.get("internal_step", np.inf)
-    floors = noise_floors(audits(logs, model.plant))
-    # of times that are far too long one run is all that can be waited for
-    is_endless = sum(log.duration for log in logs) > most
-    free = () if is_endless else prior_parameters(told)
-    steps = None if is_endless else InternalSteps(model, floors)
-    problem = Problem(model, logs, free, floors, workers, steps=steps)
-    vector = problem.start
-    if free:
-        vector, _, _ = descend(problem, vector, COST_TOLERANCE, MOST_STEPS)
-    return error(problem, vector)
+def _retuned(told: Description, read: Callable[[], Sequence[Log]], workers: Workers) -> float:
+    """Error that re-tuned parameters leave of logs, see ``error``; infinite where these cannot be
+    so, or not be simulated."""
+    try:
+        model, logs = told.model, read()
+        floors = noise_floors(audits(logs, model.plant))
+        steps = InternalSteps(model, floors)
+        problem = Problem(model, logs, prior_parameters(told), floors, workers, steps=steps)
+        vector = problem.start
+        if problem.free:
+            vector, _, _ = descend(problem, vector, COST_TOLERANCE, MOST_STEPS)
+        return error(problem, vector)
+    except UserError:
+        return np.inf
 
 
 def error(problem: Problem, vector: Array) -> float:
     """RMS error over the standard deviation of the readings that a fit sees, over all outputs, so
     of any scale; infinite where such a log cannot be simulated."""
-    values, logs, shares = problem.values(vector), problem.logs, []
-    runs = [run.outputs_or_nan(values).T for run in problem.runs]
-    responses = [dict(zip(log.outputs, outputs)) for log, outputs in zip(logs, runs)]
-    for name in dict.fromkeys(name for log in logs for name in log.outputs):
-        both = [
-            (log.outputs[name][log.fitted], response[name][log.fitted])
-            for log, response in zip(logs, responses)
-            if name in log.outputs
-        ]
-        measured, simulated = (np.concatenate(parts) for parts in zip(*both))
-        if len(measured) and np.ptp(measured) > 0.0:
-            shares.append(rms(simulated - measured) / float(np.std(measured)))
+    parts: dict[str, list[Array]] = {}
+    for run in problem.runs:
+        seen, simulated = run.log.fitted, run.outputs_or_nan(problem.values(vector)).T
+        for (name, measured), column in zip(run.log.outputs.items(), simulated):
+            parts.setdefault(name, []).append(np.stack([measured[seen], column[seen]]))
+    both = (np.concatenate(each, axis=1) for each in parts.values())
+    shares = [rms(b - a) / float(np.std(a)) for a, b in both if len(a) and np.ptp(a) > 0.0]
     found = rms(np.array(shares)) if shares else np.inf
     return found if np.isfinite(found) else np.inf

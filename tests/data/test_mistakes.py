@@ -131,6 +131,15 @@ def test_columns_that_are_swapped_are_named() -> None:
     assert "their columns are swapped" in text
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_clipped_columns_that_are_swapped_are_swapped_first(seed: int) -> None:
+    """The reading stands in the column of the command; what is clipped there is told second."""
+    times, goal, angle = record(seed)
+    swapped, ends = said(times, clipped(angle), goal)
+    assert "their columns are swapped" in swapped
+    assert "'angle' is clipped" in ends
+
+
 def test_rows_that_are_there_twice_are_named() -> None:
     _, goal, angle = record()
     twice = INTERVAL * np.arange(2 * ROWS)
@@ -219,10 +228,6 @@ def exchanged(log: Log) -> Log:
     return replace(log, inputs={"goal": angle}, outputs={"angle": goal})
 
 
-def twice(log: Log) -> Log:
-    return log.at(np.repeat(np.arange(ROWS), 2))
-
-
 def late(log: Log) -> Log:
     goal = np.concatenate([np.full(40, log.inputs["goal"][0]), log.inputs["goal"][:-40]])
     return replace(log, inputs={"goal": goal})
@@ -230,7 +235,7 @@ def late(log: Log) -> Log:
 
 @pytest.mark.parametrize(
     ("spoil", "times_as_far"),
-    [(wrapped, 4.0 * np.pi), (overflowing, 9.0), (exchanged, 1.0), (twice, 1.0), (late, 1.0)],
+    [(wrapped, 4.0 * np.pi), (overflowing, 9.0), (exchanged, 1.0), (late, 1.0)],
 )
 def test_a_log_that_is_mended_is_the_one_before_the_mistake(
     spoil: Callable[[Log], Log], times_as_far: float
@@ -244,6 +249,18 @@ def test_a_log_that_is_mended_is_the_one_before_the_mistake(
     assert np.ptp(apart) < 0.02 * np.ptp(right.outputs["angle"]) * times_as_far
     wrong = mended.inputs["goal"] != right.inputs["goal"]
     assert wrong.mean() < 0.12
+
+
+def test_commands_between_the_readings_stay_where_a_reading_is_mended() -> None:
+    """Every third row is one of the command alone."""
+    whole = recorded(seed=3)
+    between = np.arange(ROWS) % 3 == 1
+    angle = np.where(np.isin(np.arange(ROWS), [99, 360, 363, 900]), -999.0, whole.outputs["angle"])
+    log = replace(whole, outputs={"angle": angle}, between=between, skipped=between)
+    (mistake,) = mistakes(log.readings, PLANT, {})
+    assert mistake.mended is not None
+    mended = mistake.mended(log)
+    assert np.array_equal(mended.counted, ~between & (angle != -999.0))
 
 
 def test_nothing_is_asked_of_columns_that_have_been_checked() -> None:

@@ -30,11 +30,13 @@ from servo_models.diagnosis.confirm import Confirmation, confirm
 from servo_models.diagnosis.diagnose import Diagnosis, diagnose
 from servo_models.diagnosis.gap import gaps, whole_gap
 from servo_models.diagnosis.preconditions import slowest_time_constant
+from servo_models.diagnosis.ranking import probabilities
 from servo_models.diagnosis.search.crossval import CrossValidation, blocks
+from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.diagnosis.search.selection import FIRST_ANSWER
 from servo_models.diagnosis.stretches import HeldOut, held_out_outputs, held_out_scores
-from servo_models.diagnosis.verdict import PARAMETERS, Verdict, decide
-from servo_models.identification.problem import Problem
+from servo_models.diagnosis.verdict import EFFECTS, PARAMETERS, Verdict, decide
+from servo_models.identification.problem import Free, Problem, free_parameter
 from servo_models.validation.torque_motor.reference import EQ_12
 from tests.support.compilers import in_c_only
 from tests.support.delayed_motor import describe
@@ -192,6 +194,41 @@ def test_a_held_out_log_that_is_missed_is_part_of_the_verdict(
     text = summary.sentence(found)
     assert "held out" not in text
     assert "on blocks that a fit left out" in text
+
+
+@pytest.mark.parametrize(("rubs", "asserted"), [(0.01, True), (0.0, False)])
+def test_a_second_effect_that_is_useless_where_it_is_held_out_is_possible(
+    case: tuple[Diagnosis, Told], rubs: float, asserted: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Beside a strong first one: of a rig that rubs as the log that is held out, or does not."""
+    found, _ = case
+    (log,), first, size = found.logs, found.selection.taken, rubs or 1e-4
+    run = simulate(changed(found.fitted, {"coulomb_friction.level": rubs}), log.times, log.inputs)
+    unseen = np.ones(len(log.times), dtype=bool)
+    other = replace(log, name="other", outputs={"angle": run["angle"]}, held_out=unseen)
+
+    def on_both(fitted: FittedModel, *more: Free) -> FittedModel:
+        problem = Problem(found.model, (log, other), (*fitted.problem.free, *more), found.floors)
+        vector = np.append(fitted.evidence.vector, [size / one.scale for one in more])
+        evidence = replace(fitted.evidence, vector=vector)
+        return replace(fitted, problem=problem, evidence=evidence, searched=None)
+
+    level = free_parameter(found.model.plant.parameters["coulomb_friction.level"], 0.0, None)
+    pair = replace(on_both(first, level), effects=(*first.effects, "coulomb_friction"))
+    tried = [pair, on_both(first)]
+    selection = replace(
+        found.selection, taken=pair, tried=tried, retuned=on_both(found.selection.retuned)
+    )
+    verdict = replace(found.verdict, kind=EFFECTS)
+    scores = held_out_scores(selection)
+    told = replace(found, selection=selection, verdict=verdict, held_out=scores)
+    monkeypatch.setattr(summary, "undetermined", lambda _: ())
+    assert told.contradicted == (() if asserted else ("coulomb_friction",))
+    why = "against the model without coulomb_friction the error held out falls by less than 10 %"
+    assert (why in summary.not_asserted(told)) is not asserted
+    less = probabilities(selection, verdict, told.contradicted)
+    sure = probabilities(selection, verdict, ())
+    assert less["transport_delay"] == sure["transport_delay"]
 
 
 @pytest.mark.parametrize("after", [math.nan, 3.0])

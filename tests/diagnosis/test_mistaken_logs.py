@@ -20,9 +20,14 @@ from servo_models.data.mistakes import Mistake
 from servo_models.diagnosis import summary
 from servo_models.diagnosis.diagnose import diagnose
 from servo_models.errors import UserError
-from servo_models.identification.plausibility import likely
+from servo_models.identification.plausibility import implausible_clocks, likely, mended
 from tests.conftest import Run
 from tests.support.plausible_logs import described, sane
+
+
+def averaged(angle: Array) -> Array:
+    return np.convolve(np.pad(angle, 15, "edge"), np.full(31, 1.0 / 31.0), "valid")
+
 
 GIMBAL = Path(__file__).parents[2] / "examples" / "gimbal"
 
@@ -47,24 +52,24 @@ def diagnosed(run: Run, folder: Path, spoil: Callable[[Array], Array]) -> dict[s
         (np.negative, "column 'angle_deg' ('reading') goes against the command"),
         (np.radians, "column 'angle_deg' ('reading') is read in deg, but rad would make sense"),
         (lambda angle: np.clip(angle, *np.quantile(angle, [0.2, 0.8])), "'reading' is clipped"),
+        (averaged, "'reading' was averaged over 31 rows"),
     ],
-    ids=["sign", "unit", "clipped"],
+    ids=["sign", "unit", "clipped", "averaged"],
 )
 def test_a_mistake_leads_where_the_log_read_otherwise_is_explained_far_better(
     run: Run, tmp_path: Path, spoil: Callable[[Array], Array], words: str
 ) -> None:
+    """Or where the log alone shows what no other reading mends."""
     found = diagnosed(run, tmp_path / "gimbal", spoil)
     assert found["sentence"].startswith(f"Correct log 'log': {words}")
     assert all(effect["probability"] is None for effect in found["effects"])
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("mends", [True, False])
 def test_a_false_question_neither_leads_nor_bans_nor_takes_a_probability(
-    mends: bool, monkeypatch: pytest.MonkeyPatch
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """One that cannot be tried stays among the warnings."""
-    asked = question(["reading"], turned) if mends else Mistake("a question", ["reading"])
+    asked = question(["reading"], turned)
 
     def questions(told: Description) -> list[Audit]:
         return [replace(it, mistakes=(asked,)) for it in audits(told.logs, told.model.plant)]
@@ -73,7 +78,7 @@ def test_a_false_question_neither_leads_nor_bans_nor_takes_a_probability(
     monkeypatch.setattr("servo_models.diagnosis.diagnose.questions", questions)
     found = diagnose(GIMBAL / "gimbal.toml", seed=1)
     assert found.mistake == ""
-    assert any("a question" in text for text in summary.warnings(found)) is not mends
+    assert not any("a question" in text for text in summary.warnings(found))
     assert [(it.name, it.probability) for it in found.ranking] == [
         (it.name, it.probability) for it in usual.ranking
     ]
@@ -124,6 +129,32 @@ def test_logs_of_one_recorder_are_judged_together() -> None:
         assert any(it.mistakes for it in likely(told, accused)) is stays
 
 
+def test_each_log_is_mended_by_what_is_asked_of_its_own_rows() -> None:
+    """Another column is left as it stands."""
+    chosen, log = sane("smart_servo", "xl330", 105)
+    logs = [replace(log, name=str(k)) for k in range(3)]
+
+    def marked(by: float, column: str = "angle") -> Mistake:
+        return Mistake(f"rows {by}", [column], lambda it: replace(it, constants={"by": by}))
+
+    told = [[marked(1.0)], [Mistake("sure", ["angle"]), marked(2.0)], [marked(3.0, "current")]]
+    asked = [replace(a, mistakes=tuple(it)) for a, it in zip(audits(logs, chosen.plant), told)]
+    right = mended(logs, asked, told[0][0])
+    assert [it.constants.get("by") for it in right] == [1.0, 2.0, log.constants.get("by")]
+
+
+@pytest.mark.parametrize("slower", [1e3, 1e-3])
+def test_a_time_that_cannot_be_is_asked_for_before_hours_of_search(slower: float) -> None:
+    """Once it has been checked it is asked no more."""
+    chosen, log = sane("smart_servo", "xl330", 105)
+    log = replace(log, times=slower * log.times)
+    with pytest.raises(UserError, match=r"answers a step in|slowest time constant"):
+        diagnose(described(chosen, log))
+    time = replace(log.channels["time"], checked=True)
+    settled = replace(log, channels={**log.channels, "time": time})
+    assert implausible_clocks(described(chosen, settled)) == ()
+
+
 def scaled(signals: Mapping[str, Array], factor: float = 50.0) -> dict[str, Array]:
     return {name: factor * values for name, values in signals.items()}
 
@@ -135,7 +166,7 @@ def test_a_reading_that_cannot_be_simulated_explains_nothing() -> None:
         raise UserError("out of bounds")
 
     chosen, log = sane("smart_servo", "xl330", 105)
-    for mended in (refused, lambda it: replace(it, inputs=scaled(it.inputs, 1e6))):
-        asked = question([*log.inputs], mended)
+    for read in (refused, lambda it: replace(it, inputs=scaled(it.inputs, 1e6))):
+        asked = question([*log.inputs], read)
         audited = [replace(it, mistakes=(asked,)) for it in audits([log], chosen.plant)]
         assert not any(it.mistakes for it in likely(described(chosen, log), audited))

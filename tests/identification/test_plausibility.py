@@ -129,7 +129,7 @@ def test_counts_without_a_scale_are_told_with_the_scale() -> None:
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", ["second_order_servo", "smart_servo"])
-@pytest.mark.parametrize("slower", [12.0, 50.0])
+@pytest.mark.parametrize("slower", [12.0, 16.0])
 def test_a_time_that_runs_too_slowly_is_told_within_an_octave(name: str, slower: float) -> None:
     """The number of the row, say, where a row is no unit of time."""
     chosen, log = sane(name, dict(SUBJECTS)[name], 105)
@@ -261,13 +261,15 @@ def test_examples_make_sense(name: str) -> None:
     ids=lambda p: f"{p.parent.name} {p.stem}",
 )
 def test_real_logs_make_sense(path: Path, logs_folder: Path, tmp_path: Path) -> None:
-    """Real servos beside models with and without friction, some of them data sheets."""
+    """Real servos beside models with and without friction, some of them data sheets: what is asked
+    of them is dropped once it is tried."""
     text = path.read_text(encoding="utf-8")
     for folder in ('"../logs/', '"logs/'):
         text = text.replace(folder, f'"{logs_folder.as_posix()}/')
     (tmp_path / path.name).write_text(text, encoding="utf-8")
     told = read_description(tmp_path / path.name)
-    assert (*implausible_clocks(told), *implausible(told)) == ()
+    assert (*implausible_clocks(told), *implausible(told, columns=False)) == ()
+    assert not any(it.mistakes for it in likely(told, questions(told)))
 
 
 # On the command line
