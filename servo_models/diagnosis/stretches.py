@@ -28,7 +28,7 @@ from servo_models.diagnosis.search.selection import Selection
 from servo_models.identification.problem import Problem
 from servo_models.report.document import Document, Unbounded
 
-FAR_LESS = 0.7  # RMS of parts by themselves over that of all together, from which they may differ
+FAR_LESS = 0.5  # RMS of parts by themselves over that of all together, from which they may differ
 APART_ERRORS = 5.0  # combined standard errors between parts beyond which a parameter has changed
 
 
