@@ -47,6 +47,7 @@ from servo_models.diagnosis.search import (
 )
 from servo_models.diagnosis.settings import DEFAULT, Settings
 from servo_models.identification import resolution
+from servo_models.identification.problem import discontinuous
 from studies.golden import answered, change, read_rows, truths, withheld
 
 ALL = "all"  # name of the answers with all rules
@@ -138,8 +139,8 @@ RULES = {
     "delay by samples": Rule([(fitting, "shifted", nothing)], [fitting.shifted, fitting._periods]),
     "past an edge": Rule([(fitting, "past_an_edge", nothing)], [fitting.past_an_edge]),
     "smooth twin": Rule(
-        [(fitting.Fitter, "_switched_off", lambda _: {})],
-        [fitting.Fitter._switched_off, fitting.Fitter._twin],
+        [(fitting, "discontinuous", lambda _: {})],
+        [discontinuous, fitting.Fitter._twin],
     ),
     "sharpened": Rule([(fitting, "sharpened", lambda _, vector, *__: vector)], [fitting.sharpened]),
     "bound costs": Rule(

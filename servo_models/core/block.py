@@ -275,7 +275,8 @@ class Hints:
         angle: argument of that sine.
         harmonics: its further sines, sought one by one once the first is found.
         inertia: parameter that is in resonance with the switch, a compliance.
-        assumed: parameters that are never searched for: they say in what it is counted.
+        assumed: constants that are never searched for: each may be a few times larger or smaller.
+        counted_in: parameters that say in what it is counted.
         signature: its evidence apart from any error, by its switch: a quantised reading bunches at
             ``"codes"`` a step apart, a sampled command is answered on the ticks of a ``"clock"``.
         small_signal: what an effect with a memory becomes in the small-signal model; an effect
@@ -301,6 +302,7 @@ class Hints:
     harmonics: tuple[Harmonic, ...] = ()
     inertia: str = ""
     assumed: tuple[str, ...] = ()
+    counted_in: tuple[str, ...] = ()
     signature: Signature = ""
     small_signal: LinearMemory | None = None
     ambiguity: Ambiguity | None = None
@@ -326,7 +328,7 @@ class Hints:
     def not_at_first(self) -> set[str]:
         """Parameters that are no part of the search for the effect."""
         further = (name for it in self.harmonics for name in (it.share, it.count, it.phase))
-        return {*self.assumed, *further}
+        return {*self.assumed, *self.counted_in, *further}
 
 
 Meta = Param | Memory | Queue

@@ -8,7 +8,7 @@ from servo_models.core.block import Hints, Param, effect
 @effect(
     "signal",
     source="Fraden, Handbook of Modern Sensors, 2016, ch. 3",
-    hints=Hints(assumed=("full_scale",)),
+    hints=Hints(counted_in=("full_scale",)),
 )
 def nonlinearity(
     signal: float,

@@ -10,7 +10,7 @@ from servo_models.core.block import Ambiguity, Hints, Memory, Param, effect
     source="first-order thermal model, heating with the square of the drive",
     hints=Hints(
         says="the gain falls by {loss} when warm",
-        assumed=("full_scale",),
+        counted_in=("full_scale",),
         ambiguity=Ambiguity(
             "ten minutes of the same step", ("thermal_drift",), ("supply_sag", "gain_error")
         ),

@@ -180,6 +180,12 @@ def _agreed(
     errors = problem.latest(vector)[: problem.samples]
     scale = rms(errors) or 1.0
     known, smooth = axes, np.flatnonzero(axes.widths <= NARROW)
+    exact = symmetries(problem, vector) * (np.abs(vector) / units(problem, vector))[:, None]
+    exact = exact[:, ~np.delete(exact, here, axis=0).any(axis=0)]
+    k = exact.shape[1]
+    nothing = np.zeros((problem.samples, k))
+    zeros = np.zeros(k)
+    known = known.beside(_Probes(exact, nothing, zeros, zeros + WIDE, nothing, zeros > 0.0))
     for width in NARROWER:
         seen = 2.0 * known.jitter.mean(axis=0).max() <= scale**2
         if not len(smooth) or (seen and np.all(_principal(known, here)[2] <= WEAK)):
@@ -207,6 +213,7 @@ def _agreed(
     noise = noise * FAIR
     size = np.abs(along).max(axis=0)
     lost = (noise > UNSEEN) | (size * NOTHING > WIDE)
+    lost[np.argsort(size)[len(size) - k :]] = True
     kept = np.where(lost, 0.0, 1.0 - np.minimum(noise, 1.0))
     along = along / size
     data = (slopes @ along * np.sqrt(kept)) @ np.linalg.inv(along)
@@ -363,6 +370,47 @@ def _room(problem: Problem, vector: Array, step: Array) -> float:
     way = np.where(factor, logs, way)
     moving = step != 0.0
     return float(np.min(way[moving] / np.abs(step[moving]), initial=1.0))
+
+
+EXPONENT = 0.5  # of which exponents of a symmetry are multiples
+FACTOR = 0.01  # logarithm of the factors by which a symmetry is looked for
+MIXED = 3  # directions in which symmetries may be hidden, beyond those that are known
+SAME = 1e-6  # change of a weighted error up to which it is rounding
+
+
+def symmetries(problem: Problem, vector: Array) -> Array:
+    """Return exponents with which factors on the values leave all data as they are, shape (p, k).
+
+    The equations have them, as units do: twice the inertia, friction and current are the same
+    motion.  Slopes of the smooth twin show them nearly, and the problem itself says which hold.
+    """
+    inner = np.array([not side for side in problem.sides(vector)]) & (vector != 0.0)
+    slopes = problem.smooth.jacobian(vector, FACTOR * np.abs(vector))[: problem.samples]
+    here = np.flatnonzero(inner & slopes.any(axis=0))
+    ways = np.linalg.svd(slopes[:, here] * vector[here], full_matrices=False)[2]
+    found, tried = np.empty((len(vector), 0)), set()
+    for k in range(1, len(here) + 1):
+        if k > found.shape[1] + MIXED:
+            break
+        for row in _independent(ways[-k:].T).T:
+            exponents = np.zeros(len(vector))
+            exponents[here] = EXPONENT * np.round(row / EXPONENT)
+            both = np.column_stack([found, exponents])
+            alone = np.count_nonzero(exponents) < 2  # nothing depends on it, or it is on a tread
+            if alone or tuple(exponents) in tried or np.linalg.matrix_rank(both) < both.shape[1]:
+                continue
+            tried.add(tuple(exponents))
+            found = both if _unchanged(problem, vector, exponents) else found
+    return found
+
+
+def _unchanged(problem: Problem, vector: Array, exponents: Array) -> bool:
+    """Whether the data do not see factors with these exponents, as far as bounds leave room."""
+    points = [vector * np.exp(by * exponents) for by in (FACTOR, -FACTOR)]
+    inside = [it for it in points if np.array_equal(it, np.clip(it, *problem.bounds))]
+    errors, here = [_errors(problem, it) for it in inside], problem.latest(vector)
+    changes = [np.inf if it is None else np.max(np.abs(it - here[: len(it)])) for it in errors]
+    return max(changes, default=np.inf) < SAME
 
 
 SINGULAR = 1e-11  # singular value over the largest, with unit columns, up to which it is rounding
@@ -536,6 +584,14 @@ def _by_half_a_step(problem: Problem, vector: Array) -> Array:
     return half - whole
 
 
+def _by_assumed(problem: Problem, vector: Array) -> Array:
+    """By what each constant that an effect assumes, twice as large, changes the weighted errors of
+    data and priors, shape (m, constants)."""
+    values, here = problem.values(vector), problem.latest(vector)
+    changes = [problem.errors_with({**values, k: it}) - here for k, it in problem.assumed.items()]
+    return np.array(changes).reshape(len(changes), len(here)).T
+
+
 def spread_of(
     problem: Problem, vector: Array, told: Information, doubtful: Array | None = None
 ) -> Spread:
@@ -564,6 +620,9 @@ def spread_of(
         changes = [residuals] if doubtful is None else [residuals, doubtful]
         short = [np.abs(apart.half @ (apart.basis.T @ change)) for change in changes]
         error = np.max([np.sqrt(np.maximum(variance, 0.0)), *short], axis=0)
+        # a constant that an effect assumes is no known one
+        moved_by = apart.half @ (apart.basis.T @ _by_assumed(problem, vector))
+        error = np.hypot(error, np.linalg.norm(moved_by, axis=1))
         errors[moving] = np.where(lost, np.inf, error)
     errors[inner & ~moving] = np.inf
     moves = np.where(told.open, np.maximum(slopes, ROUNDING), slopes)

@@ -26,7 +26,13 @@ import numpy as np
 
 from servo_models.core.stop import Tell
 from servo_models.core.types import Array
-from servo_models.identification.linear_inference import ROUNDING, information, moved, units
+from servo_models.identification.linear_inference import (
+    ROUNDING,
+    information,
+    moved,
+    symmetries,
+    units,
+)
 from servo_models.identification.problem import DIFFERENCE, Problem
 
 LOCAL = "local"
@@ -253,12 +259,38 @@ def along_valley(
         widths: over which slopes are taken [scales], shape (p,); None for small ones.
     """
     slopes = problem.jacobian(vector, widths)
+    along = symmetries(problem, vector)
+    if along.size and (settled := _as_believed(problem, vector, along)) is not None:
+        vector, slopes = settled, problem.jacobian(settled, widths)
     for _ in range(VALLEY_STEPS):
         further, worth = _whole_step(problem, vector, slopes)
         if further is None:
             return vector, not worth, slopes
         vector, slopes = further, problem.jacobian(further, widths)
     return vector, False, slopes
+
+
+def _as_believed(problem: Problem, vector: Array, along: Array) -> Array | None:
+    """A vector moved by factors with the exponents ``along``, of which the data see nothing, to
+    where the priors want it; None where that is here."""
+    (low, high), priors = problem.bounds, np.array([free.prior or np.inf for free in problem.free])
+    weights, best = problem.scales / priors, vector
+
+    def cost(point: Array) -> float:
+        return float(np.sum((weights * (point - problem.nominal)) ** 2))
+
+    for _ in range(VALLEY_STEPS):
+        slopes = (weights * best)[:, None] * along
+        step = (
+            along @ np.linalg.lstsq(slopes, -weights * (best - problem.nominal), rcond=ROUNDING)[0]
+        )
+        points = (best * np.exp(part * step) for part in VALLEY_PARTS)
+        inside = (it for it in points if np.all((low < it) & (it < high) | (it == best)))
+        further = next((it for it in inside if cost(it) < cost(best)), best)
+        if cost(best) - cost(further) <= ROUNDING * cost(best):
+            break
+        best = further
+    return best if problem.costs([best])[0] < problem.costs([vector])[0] else None
 
 
 def _whole_step(problem: Problem, vector: Array, slopes: Array) -> tuple[Array | None, bool]:

@@ -128,6 +128,19 @@ def _idle(model: Model, name: str, uncertain: Container[str]) -> bool:
     return bool(switches) and not any(model.values[it] or it in uncertain for it in switches)
 
 
+def discontinuous(model: Model) -> dict[str, float]:
+    """Return the switches of quantisers and holds that a model has on, at 0."""
+    plant = model.plant
+    return {
+        name: 0.0
+        for name, parameter in plant.parameters.items()
+        if parameter.owner
+        and parameter.param.switch
+        and plant.main(parameter.owner).effect.hints.grid
+        and model.values[name] != 0.0
+    }
+
+
 def free_names(plant: Plant, words: Iterable[str]) -> tuple[str, ...]:
     """Return parameters for words that are each a parameter or an effect, which means all of it.
 
@@ -228,6 +241,25 @@ class Problem:
                 if parameter.key in hints.counts:
                     changes[i] = 1.0 / (travel(plant, self.logs) * free.scale)
         return changes
+
+    @cached_property
+    def assumed(self) -> dict[str, float]:
+        """Values [SI] twice as large as what effects with a free parameter assume, by name."""
+        plant, names = self.model.plant, {free.name for free in self.free}
+        owners = dict.fromkeys(owner for name in names if (owner := plant.parameters[name].owner))
+        every = (
+            plant.parameters[f"{o}.{key}"]
+            for o in owners
+            for key in plant.main(o).effect.hints.assumed
+        )
+        doubled = {it.name: min(2.0 * self.model.values[it.name], it.param.high) for it in every}
+        return {name: value for name, value in doubled.items() if value and name not in names}
+
+    @cached_property
+    def smooth(self) -> Problem:
+        """The same where the model has no quantisers and holds."""
+        off = {**self.model.values, **discontinuous(self.model)}
+        return replace(self, model=replace(self.model, values=off))
 
     def weighted_by(self, sigma: Mapping[str, float], start: Array) -> Problem:
         """Return the same problem with other weights [SI]; costs so far do not count there."""

@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from scipy.optimize import minimize_scalar
+from scipy.optimize import minimize, minimize_scalar
 
 from servo_models.catalogue import model
 from servo_models.core.types import Array
@@ -83,3 +83,49 @@ def test_profiles_are_those_of_the_other_parameter_fitted_again_and_held() -> No
             held = risen(distance, vector[1 - i])
             assert profile.held * distance**2 == pytest.approx(held, rel=0.15)
         assert len(profile.points) == 2
+
+
+@pytest.mark.parametrize(
+    ("free", "doubled"),
+    [
+        ("coasting_backlash.share", {"contact": 120.0, "damping": 0.6}),
+        ("sensor_quantisation.step", {"rounding": 1.0}),
+        ("sample_hold.period", {}),  # its clock is taken for a steady one
+        ("thermal_drift.loss", {}),  # what it is counted in is no guess
+        ("inertia", {}),
+    ],
+)
+def test_what_an_effect_assumes(free: str, doubled: dict[str, float]) -> None:
+    servo = model("smart_servo", "sts3215")
+    log = measured(servo, TIMES, {"goal": 0.3 * np.sin(TIMES)}, {"angle": NOISE})
+    asked = Problem(servo, [log], [free_parameter(servo.plant.parameters[free], 0.1, None)])
+    assert {name.rpartition(".")[2]: it for name, it in asked.assumed.items()} == doubled
+
+
+@pytest.mark.thorough
+def test_a_size_is_no_surer_than_what_its_effect_assumes() -> None:
+    """By another optimiser, with a gear of twice the pitch, and of twice the damping."""
+    nominal = model("smart_servo", "sts3215")
+    size, part = "coasting_backlash.half_width", "coasting_backlash.share"
+    rig = changed(nominal, {size: 8e-3, part: 0.1, "coulomb_friction.level": 0.08})
+    levels = np.random.default_rng(3).uniform(-0.5, 0.5, 10)
+    log = measured(rig, TIMES, {"goal": np.repeat(levels, 100)}, {"angle": 1e-4})
+    free = [free_parameter(rig.plant.parameters[it], rig.values[it], None) for it in (size, part)]
+
+    def asked(key: str, value: float) -> Problem:
+        other = changed(rig, {f"coasting_backlash.{key}": value})
+        return Problem(other, [log], free, {"angle": 1e-4})
+
+    begin = np.array([[1.0, 1.0], [1.02, 1.0], [1.0, 1.02]])
+    options = {"initial_simplex": begin, "xatol": 1e-3, "fatol": 1.0}
+    moved = [
+        minimize(
+            lambda at, it=it: it.costs([at])[0], begin[0], method="Nelder-Mead", options=options
+        ).x
+        - 1.0
+        for it in (asked("contact", 120.0), asked("damping", 0.6))
+    ]
+    same = asked("damping", 0.3)
+    errors = spread(same, same.start).standard_errors / same.scales
+    ratio = errors / np.linalg.norm(moved, axis=0)  # the response is rough, and bends
+    assert np.all((ratio > 0.5) & (ratio < 2.0))

@@ -10,6 +10,7 @@ import pytest
 
 from servo_models.catalogue import model
 from servo_models.core.types import Array
+from servo_models.identification.linear_inference import symmetries
 from servo_models.identification.optimise import along_valley, descend
 from servo_models.identification.problem import Problem, free_parameter
 from tests.support.logs import changed, measured
@@ -94,3 +95,63 @@ def test_where_there_is_no_valley_nothing_moves() -> None:
     found, ended, _ = along_valley(alone, end)
     assert ended
     assert found == pytest.approx(end, rel=1e-6)
+
+
+LIMITED = {
+    "coulomb_friction.level": 0.1,
+    "drive_saturation.limit": 0.4,
+    "coasting_backlash.half_width": 0.01,
+}
+BELIEVED = {"inertia": 0.15, "torque_constant": 0.1, "resistance": 0.1, "loop_factor": 0.05}
+MOTION = {"inertia": 1, "resistance": -1, "coulomb_friction.level": 1}
+DUTY = {"torque_constant": 1, "loop_factor": 1, "resistance": 2, "drive_saturation.limit": 1}
+"""Exponents of factors on parameters that leave the motion of a servo as it is: torque over inertia
+counts, and duty only with the torque that it makes."""
+
+
+def servo_problem(effects: tuple[str, ...], seed: int = 0) -> Problem:
+    """A servo that reads whole codes, with these effects; its own firmware limits no duty."""
+    wrong = {name: value for name, value in LIMITED.items() if name in effects}
+    servo = model("smart_servo", "sts3215")
+    levels = np.random.default_rng(seed).uniform(-0.8, 0.8, 8)
+    goal = np.repeat(levels, 100)
+    times = 5e-3 * np.arange(len(goal))
+    log = measured(changed(servo, wrong), times, {"goal": goal}, {"angle_reading": 0.0}, seed)
+    known, nominal = servo.plant.parameters, servo.values
+    free = [free_parameter(known[it], nominal[it], p * nominal[it]) for it, p in BELIEVED.items()]
+    free += [replace(free_parameter(known[it], 0.0, None), start=wrong[it]) for it in wrong]
+    return Problem(servo, [log], free, {"angle_reading": 4.5e-4})
+
+
+@pytest.mark.parametrize(
+    ("effects", "groups"),
+    [
+        (("drive_saturation.limit",), [MOTION, DUTY]),
+        (("coulomb_friction.level", "drive_saturation.limit"), [MOTION, DUTY]),
+        (("coulomb_friction.level", "coasting_backlash.half_width"), [MOTION]),
+        (tuple(LIMITED), [MOTION, DUTY]),
+    ],
+)
+def test_products_that_no_reading_shows_are_found(
+    effects: tuple[str, ...], groups: list[dict[str, int]]
+) -> None:
+    """By the equations of a servo whose supply limits its duty, unless an effect does."""
+    asked = servo_problem(effects)
+    found = symmetries(asked, asked.start)
+    want = np.array([[it.get(free.name, 0) for free in asked.free] for it in groups]).T
+    assert found.shape == want.shape
+    assert np.linalg.matrix_rank(np.hstack([found, want])) == len(groups)
+
+
+@pytest.mark.parametrize("by", [(0.2, 0.0), (-0.1, 0.15), (0.15, -0.1)])
+def test_a_fit_to_codes_ends_where_priors_say(by: tuple[float, float]) -> None:
+    """Each code that flips costs more than priors do, so only the very products lead there."""
+    asked = servo_problem(("coulomb_friction.level", "drive_saturation.limit"))
+    names = [free.name for free in asked.free]
+    ways = np.array([[it.get(name, 0) for name in names] for it in (MOTION, DUTY)])
+    begin = asked.start * np.exp(np.array(by) @ ways)
+    vector, _, _ = along_valley(asked, begin)
+    n = asked.samples
+    assert np.allclose(asked.residuals(vector)[:n], asked.residuals(begin)[:n], atol=1e-9)
+    # what was believed is true, and lies on these ways
+    assert vector == pytest.approx(asked.start, rel=1e-4)

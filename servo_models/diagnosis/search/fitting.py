@@ -36,7 +36,13 @@ from servo_models.identification.linear_inference import (
     spread,
 )
 from servo_models.identification.optimise import along_valley, descend, steps
-from servo_models.identification.problem import DIFFERENCE, Free, Problem, log_determinant
+from servo_models.identification.problem import (
+    DIFFERENCE,
+    Free,
+    Problem,
+    discontinuous,
+    log_determinant,
+)
 from servo_models.identification.resolution import (
     BLAMED,
     ROW,
@@ -437,7 +443,7 @@ class Fitter:
 
     def surveyed(self) -> Fitter:
         """Return a fitter that knows where the response of the nominal model is rough."""
-        rough, smooth = self._rough(), self._switched_off()
+        rough, smooth = self._rough(), discontinuous(self.model)
         if not rough or not smooth:
             return replace(self, rough=rough)
         twin = replace(self, smooth=smooth)._twin()
@@ -447,18 +453,6 @@ class Fitter:
         problem = self.problem()
         widths = steps(problem, problem.start) if problem.free else None
         return {} if widths is None else dict(zip(problem.values(widths), widths.tolist()))
-
-    def _switched_off(self) -> dict[str, float]:
-        """Switches of the discontinuous effects that the model has on, at 0."""
-        plant = self.model.plant
-        return {
-            name: 0.0
-            for name, parameter in plant.parameters.items()
-            if parameter.owner
-            and parameter.param.switch
-            and plant.main(parameter.owner).effect.hints.grid
-            and self.model.values[name] != 0.0
-        }
 
     def _twin(self) -> Fitter:
         """The same about a model without quantisers and holds."""
