@@ -144,17 +144,19 @@ def model(
     """
     declared = find_actuator(actuator) if isinstance(actuator, str) else actuator
     chosen = declared.variant(variant).name
-    plant = declared.plant_of(chosen)
-    overrides: dict[str, float] = {}
+    known, given = declared.plant_of(chosen).parameters, dict[str, float]()
     for name, value in (parameters or {}).items():
-        check_known("parameter", [name], plant.parameters, f"actuator '{declared.name}'")
-        parameter = plant.parameters[name]
+        check_known("parameter", [name], known, f"actuator '{declared.name}'")
         try:
-            given = parse(value, parameter.param.unit)
+            given[name] = parse(value, known[name].param.unit)
         except UserError as error:
             raise UserError(f"parameter '{name}': {error}") from error
-        overrides[name] = on_bound(given, parameter.param)
-        check_bounds(parameter, overrides[name])
+    declared = declared.sized(chosen, given)
+    plant = declared.plant_of(chosen)
+    overrides: dict[str, float] = {}
+    for name, number in given.items():
+        overrides[name] = on_bound(number, plant.parameters[name].param)
+        check_bounds(plant.parameters[name], overrides[name])
     return Model(
         declared, chosen, declared.values(chosen, overrides), flat_of(plant, declared.name)
     )

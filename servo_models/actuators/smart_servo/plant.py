@@ -201,14 +201,21 @@ PLANT = Plant(
 )
 
 
+TORQUE_WIRES = ("load_torque", "friction", "load", "coasting_torque")
+SIZES = {
+    **dict.fromkeys(TORQUE_WIRES, {"torque_constant": 1.0, "resistance": -1.0}),
+    "current": {"resistance": -1.0},
+}
+
+
 def sts3215(volts: float, torque: float) -> Plant:
     """The plant with the supply [V] and the loads [N m] of an STS3215, which carries an arm."""
-    supplies, loads = ("supply", "bridge_supply"), ("load_torque", "friction", "load")
+    supplies = ("supply", "bridge_supply")
     return PLANT.rated(
         rests=dict.fromkeys(supplies, volts),
         scales={
             **dict.fromkeys((*supplies, "motor_voltage"), volts),
-            **dict.fromkeys((*loads, "coasting_torque"), torque),
+            **dict.fromkeys(TORQUE_WIRES, torque),
         },
     )
 

@@ -20,5 +20,8 @@ ACTUATOR = Actuator(
     step_size=1e-3,
     step=("voltage", 30.0),
     grey_box=GREY_BOX,
+    sizes=dict.fromkeys(
+        ("load_torque", "motor_torque", "friction", "load"), {"torque_constant": 1.0}
+    ),
 )
 TORQUE = torque_causal(ACTUATOR)
