@@ -203,7 +203,7 @@ PLANT = Plant(
 
 TORQUE_WIRES = ("load_torque", "friction", "load", "coasting_torque")
 SIZES = {
-    **dict.fromkeys(TORQUE_WIRES, {"torque_constant": 1.0, "resistance": -1.0}),
+    **{wire: {"torque_constant": 1.0, "resistance": -1.0} for wire in TORQUE_WIRES},
     "current": {"resistance": -1.0},
 }
 

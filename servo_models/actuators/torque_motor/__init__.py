@@ -20,8 +20,9 @@ ACTUATOR = Actuator(
     step_size=1e-3,
     step=("voltage", 30.0),
     grey_box=GREY_BOX,
-    sizes=dict.fromkeys(
-        ("load_torque", "motor_torque", "friction", "load"), {"torque_constant": 1.0}
-    ),
+    sizes={
+        wire: {"torque_constant": 1.0}
+        for wire in ("load_torque", "motor_torque", "friction", "load")
+    },
 )
 TORQUE = torque_causal(ACTUATOR)
