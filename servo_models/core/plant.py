@@ -617,9 +617,8 @@ class Actuator:
         if not scales:
             return self
         rated = replace(self.variant(variant), plant=plant.rated(scales=scales))
-        return replace(
-            self, variants=tuple(rated if it.name == variant else it for it in self.variants)
-        )
+        variants = tuple(rated if it.name == variant else it for it in self.variants)
+        return replace(self, variants=variants, sizes={})  # once: what is re-tuned moves no bound
 
     def step_of(self, variant: str | None = None, command: str = "") -> tuple[str, float]:
         """Return the command of a variant, or another one, and its value [SI] in the standard step.
