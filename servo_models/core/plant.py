@@ -597,7 +597,7 @@ class Actuator:
 
     def sized(self, variant: str, given: Mapping[str, float]) -> Actuator:
         """Return it with a variant's full scales, of which bounds are fractions, as large as the
-        ``given`` parameters [SI] make them.
+        ``given`` parameters [SI] make them, and no smaller than the variant's own.
 
         They go in powers of two, so that a parameter that is re-tuned moves no bound.
 
@@ -612,7 +612,7 @@ class Actuator:
         scales = {}
         for name, powers in self.sizes.items():
             size = math.prod(over.get(it, 1.0) ** power for it, power in powers.items())
-            if name in plant.wire and size > 0.0 and (doublings := round(math.log2(size))):
+            if name in plant.wire and size > 1.0 and (doublings := round(math.log2(size))):
                 scales[name] = plant.wire[name].scale * 2.0**doublings
         if not scales:
             return self
