@@ -284,7 +284,8 @@ def _as_believed(problem: Problem, vector: Array, along: Array) -> Array | None:
         step = (
             along @ np.linalg.lstsq(slopes, -weights * (best - problem.nominal), rcond=ROUNDING)[0]
         )
-        points = (best * np.exp(part * step) for part in VALLEY_PARTS)
+        with np.errstate(over="ignore"):  # what no number holds is out of bounds
+            points = [best * np.exp(part * step) for part in VALLEY_PARTS]
         inside = (it for it in points if np.all((low < it) & (it < high) | (it == best)))
         further = next((it for it in inside if cost(it) < cost(best)), best)
         if cost(best) - cost(further) <= ROUNDING * cost(best):
