@@ -25,7 +25,6 @@ from servo_models.foreign import load
 from servo_models.units import parse
 
 
-@functools.cache
 def _folders() -> tuple[ModuleType, ...]:
     """The packages of actuators."""
     names = sorted(it.name for it in pkgutil.iter_modules(folder.__path__) if it.ispkg)
@@ -144,19 +143,17 @@ def model(
     """
     declared = find_actuator(actuator) if isinstance(actuator, str) else actuator
     chosen = declared.variant(variant).name
-    known, given = declared.plant_of(chosen).parameters, dict[str, float]()
-    for name, value in (parameters or {}).items():
-        check_known("parameter", [name], known, f"actuator '{declared.name}'")
-        try:
-            given[name] = parse(value, known[name].param.unit)
-        except UserError as error:
-            raise UserError(f"parameter '{name}': {error}") from error
-    declared = declared.sized(chosen, given)
     plant = declared.plant_of(chosen)
     overrides: dict[str, float] = {}
-    for name, number in given.items():
-        overrides[name] = on_bound(number, plant.parameters[name].param)
-        check_bounds(plant.parameters[name], overrides[name])
+    for name, value in (parameters or {}).items():
+        check_known("parameter", [name], plant.parameters, f"actuator '{declared.name}'")
+        parameter = plant.parameters[name]
+        try:
+            given = parse(value, parameter.param.unit)
+        except UserError as error:
+            raise UserError(f"parameter '{name}': {error}") from error
+        overrides[name] = on_bound(given, parameter.param)
+        check_bounds(parameter, overrides[name])
     return Model(
         declared, chosen, declared.values(chosen, overrides), flat_of(plant, declared.name)
     )

@@ -523,7 +523,6 @@ class Actuator:
             proposes it only where no other fits.
         file: file that defines it, None for one of the catalogue.
         inner: simulation that is not ours, around which the plant stands, if there is one.
-        sizes: powers of parameters with which the full scale of a wire goes, by name of the wire.
 
     Raises:
         ValueError: a name that no FMU can have, no variant, an output without a ``Wire`` of its
@@ -545,7 +544,6 @@ class Actuator:
     general: bool = False
     file: Path | None = None
     inner: Inner | None = None
-    sizes: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_fields(self, f"actuator '{self.name}'")
@@ -594,31 +592,6 @@ class Actuator:
     def plant_of(self, variant: str | None = None) -> Plant:
         """Return the plant that a variant runs on."""
         return self.variant(variant).plant or self.plant
-
-    def sized(self, variant: str, given: Mapping[str, float]) -> Actuator:
-        """Return it with a variant's full scales, of which bounds are fractions, as large as the
-        ``given`` parameters [SI] make them, and no smaller than the variant's own.
-
-        They go in powers of two, so that a parameter that is re-tuned moves no bound.
-
-        Example:
-            >>> servo = sm.actuator("dc_motor")
-            >>> joint = servo.sized("geared", {"gear_ratio": 200.0})
-            >>> [it.plant_of("geared").wire["friction"].scale for it in (servo, joint)]  # N.m
-            [3.0, 12.0]
-        """
-        usual, plant = self.values(variant), self.plant_of(variant)
-        over = {name: value / usual[name] for name, value in given.items() if usual.get(name)}
-        scales = {}
-        for name, powers in self.sizes.items():
-            size = math.prod(over.get(it, 1.0) ** power for it, power in powers.items())
-            if name in plant.wire and size > 1.0 and (doublings := round(math.log2(size))):
-                scales[name] = plant.wire[name].scale * 2.0**doublings
-        if not scales:
-            return self
-        rated = replace(self.variant(variant), plant=plant.rated(scales=scales))
-        variants = tuple(rated if it.name == variant else it for it in self.variants)
-        return replace(self, variants=variants, sizes={})  # once: what is re-tuned moves no bound
 
     def step_of(self, variant: str | None = None, command: str = "") -> tuple[str, float]:
         """Return the command of a variant, or another one, and its value [SI] in the standard step.

@@ -230,9 +230,6 @@ def _model(
         document.fail("variant", error)
     parameters = actuator.plant_of(variant).parameters
     section = named(document.section("parameters"), "parameter", parameters)
-    read = {name: quantity(section, name, parameters[name].param.unit) for name in section}
-    sized = actuator.sized(variant, {**(known.settings() if known else {}), **read})
-    parameters = sized.plant_of(variant).parameters
     overrides = {name: setting(section, name, parameters[name]) for name in section}
     if known:
         return known.model(overrides), {**known.settings(), **overrides}

@@ -379,14 +379,8 @@ def _estimates(parameters: Section, actuator: Actuator, variant: str) -> Iterato
     entries = named(
         parameters, "parameter", known, _holds_tables_only, f"actuator '{actuator.name}'"
     )
-    read = [_estimate(entries.section(name), known[name]) for name in entries]
-    sized = actuator.sized(variant, {it.name: it.value for it in read})
-    for it in read:
-        try:
-            check_bounds(sized.plant_of(variant).parameters[it.name], it.value)
-        except UserError as error:
-            entries.section(it.name).fail("value", error)
-        yield it
+    for name in entries:
+        yield _estimate(entries.section(name), known[name])
 
 
 def _holds_tables_only(table: Mapping[str, object]) -> bool:
@@ -403,6 +397,10 @@ def _estimate(section: Section, parameter: Parameter) -> Estimate:
     except UserError as error:
         section.fail("unit", error)
     value = scale * entry.value
+    try:
+        check_bounds(parameter, value)
+    except UserError as error:
+        section.fail("value", error)
     spread = None if entry.standard_error is None else scale * entry.standard_error
     return Estimate(parameter.name, value, spread, entry.origin)
 

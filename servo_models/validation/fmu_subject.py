@@ -85,12 +85,14 @@ class Subject(Fmu):
         """Find the variant and the parameters by the start values."""
         name = self.description.modelName
         actuator = own if own and own.name == name else of_catalogue(name)
-
-        def unlike(variant: str) -> int:
-            usual = actuator.sized(variant, self._starts).values(variant)
-            differ = sum(value != self._starts.get(name) for name, value in usual.items())
-            return differ + len(self._starts.keys() - usual.keys())
-
-        variant = min((it.name for it in actuator.variants), key=unlike)
+        differing = {
+            variant.name: sum(
+                value != self._starts.get(name)
+                for name, value in actuator.values(variant.name).items()
+            )
+            + len(self._starts.keys() - actuator.plant_of(variant.name).parameters.keys())
+            for variant in actuator.variants
+        }
+        variant = min(differing, key=lambda name: differing[name])
         known = actuator.plant_of(variant).parameters
         return model(actuator, variant, {n: v for n, v in self._starts.items() if n in known})

@@ -159,8 +159,7 @@ def _carries_reference(path: Path, limits: Limits) -> bool:
 def _fmu_jobs(subject: Subject) -> list[Job]:
     model = subject.model
     name = model.actuator.name
-    known = actuators().get(name)  # those of the catalogue have references
-    in_turn = known is None or known.plant is not model.actuator.plant
+    in_turn = actuators().get(name) is not model.actuator  # those of the catalogue have references
     return [
         (f"{name}: FMU against simulation", partial(implementation_rows, subject)),
         *(
@@ -171,7 +170,6 @@ def _fmu_jobs(subject: Subject) -> list[Job]:
             (f"{name} {case.variant}: {case.name}", partial(_case_rows, case, subject))
             for case in all_cases()
             if case.actuator == name
-            and model.actuator is known  # of another size, it takes no values of these
             and model.actuator.plant_of(case.variant).has_equations_of(model.plant)
         ),
     ]

@@ -2,29 +2,23 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
-from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from servo_models.catalogue import actuator, all_actuators, model
+from servo_models.catalogue import actuator, all_actuators
 from servo_models.core.block import Param, block, effect
 from servo_models.core.plant import Parameter, Plant, Wire, place
-from servo_models.data.parameters import read_parameters
 from servo_models.effects import effects, effects_on
 from servo_models.effects.backlash import backlash
 from servo_models.effects.dead_zone import dead_zone
 from servo_models.effects.gear_compliance import compliant_output
 from servo_models.effects.rate_limit import rate_limit
 from servo_models.effects.torque_saturation import torque_saturation
-from servo_models.identification.fit import fit
 from servo_models.units import exponents
-from tests.support.logs import measured
 
 CATALOGUE = {
     # effect and parameter: unit, low, high, typical or default [SI], in every plant
@@ -260,50 +254,3 @@ def test_only_the_parameter_that_is_changed_is_another() -> None:
 def test_what_no_name_tells_is_refused(names: tuple[str, ...], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         effects_on("drive", *names, rate={"typical": 2.0})
-
-
-@given(st.floats(1.0, 500.0), st.floats(0.1, 10.0), st.floats(0.05, 3.0))
-def test_bounds_follow_what_a_motor_can_do(ratio: float, constant: float, limit: float) -> None:
-    """Torque is constant, current and ratio together; bounds grow in powers of two."""
-    usual = model("dc_motor_speed", "geared")
-    values = {
-        "gear_ratio": ratio,
-        "torque_constant": 0.1 * constant,
-        "current_limit": 5.0 * limit,
-    }
-    sized = model(usual.actuator, "geared", values)
-    able = [
-        it.values["gear_ratio"] * it.values["torque_constant"] * it.values["current_limit"]
-        for it in (usual, sized)
-    ]
-    bounds = [it.plant.parameters["coulomb_friction.level"].param.high for it in (usual, sized)]
-    doublings = math.log2(bounds[1] / bounds[0])
-    assert doublings == round(doublings)
-    assert abs(doublings - max(math.log2(able[1] / able[0]), 0.0)) <= 0.5 + 1e-9
-    assert sized.plant.has_equations_of(usual.plant)
-
-
-def test_no_bound_moves_with_a_value_that_is_re_tuned() -> None:
-    usual = model("dc_motor_speed", "geared")
-    assert model(usual.actuator, "geared", {"torque_constant": 0.04}).plant is usual.plant
-
-
-@pytest.mark.thorough
-def test_dry_friction_of_a_large_joint_is_found_and_kept(tmp_path: Path) -> None:
-    """A joint of 90 N m: the friction of its gear is 3 N m, twice the bound of the small one."""
-    joint = {"gear_ratio": 600.0, "coulomb_friction.level": 3.0}
-    rig = model("dc_motor_speed", "geared", joint)
-    times = 2e-3 * np.arange(1500)
-    command = 40.0 * np.sin(2.0 * np.pi * times * (1.0 + times))
-    log = measured(rig, times, {"speed_command": command}, {"encoder_speed": 0.05, "current": 2e-3})
-    nominal = model("dc_motor_speed", "geared", {"gear_ratio": 600.0})
-    found = fit(nominal, [log], ["coulomb_friction.level"])
-    assert found.values[0] == pytest.approx(3.0, abs=4.0 * found.standard_errors[0])
-    assert np.isfinite(found.standard_errors[0])
-    path = tmp_path / "joint.toml"
-    text = "\n".join(
-        f'[parameters."{name}"]\nvalue = {value}\nunit = "{unit}"'
-        for (name, value), unit in zip(joint.items(), ("1", "N.m"))
-    )
-    path.write_text(f'actuator = "dc_motor_speed"\nvariant = "geared"\n{text}\n')
-    assert read_parameters(path).model().values == rig.values

@@ -355,7 +355,7 @@ def test_a_rig_is_the_same_in_every_run_and_lies_within_what_its_owner_states() 
 
 def test_its_owner_describes_it_and_reads_its_codes(tmp_path: Path) -> None:
     rig = rigs.six()[0]
-    rigs.write(tmp_path / "study", [rig], lambda done, every: None)
+    rigs.write(tmp_path / "study", [rig], lambda text, done, every: None)
     told = read_description(tmp_path / "study" / "cases" / rig.name / "description.toml")
     assert {it.path.name for it in told.logs} == set(rigs.LOGS)
     assert told.model.values["coulomb_friction.level"] == pytest.approx(
@@ -412,7 +412,7 @@ def test_limits_are_drawn_within_what_the_motor_can_do_and_bind() -> None:
 def test_a_folder_gives_its_first_rigs_and_no_others(tmp_path: Path) -> None:
     three = [rigs.draw(3, number, ("two_mass",)) for number in range(3)]
     folder = tmp_path / "study"
-    rigs.write(folder, three, lambda done, every: None)
+    rigs.write(folder, three, lambda text, done, every: None)
     (folder / "code.txt").write_text(command.own_code(), encoding="utf-8")
     assert list(command._answers(folder, three[:2])) == ["0000", "0001"]
     with pytest.raises(UserError, match="other rigs"):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from servo_models.actuators.dc_motor.physics import ANTI_WINDUP, MOTOR
-from servo_models.actuators.dc_motor.plant import CURRENT_PLANT, SIZES, SPEED_PLANT, VOLTAGE_PLANT
+from servo_models.actuators.dc_motor.plant import CURRENT_PLANT, SPEED_PLANT, VOLTAGE_PLANT
 from servo_models.actuators.dc_motor.variants import (
     CURRENT_VARIANTS,
     SPEED_VARIANTS,
@@ -23,7 +23,6 @@ ON_VOLTAGE = Actuator(
     step_size=1e-3,
     step=("voltage", 12.0),
     general=True,
-    sizes=SIZES,
 )
 ON_VOLTAGE_TORQUE = torque_causal(ON_VOLTAGE)
 ON_CURRENT = Actuator(
@@ -37,7 +36,6 @@ ON_CURRENT = Actuator(
     step_size=1e-3,
     step=("current_command", 0.5),
     general=True,
-    sizes=SIZES,
 )
 ON_CURRENT_TORQUE = torque_causal(ON_CURRENT)
 IN_SPEED_LOOP = Actuator(
@@ -52,7 +50,6 @@ IN_SPEED_LOOP = Actuator(
     step_size=1e-3,
     step=("speed_command", 50.0),
     general=True,
-    sizes=SIZES,
 )
 IN_SPEED_LOOP_TORQUE = torque_causal(IN_SPEED_LOOP)
 ACTUATORS = ON_VOLTAGE, ON_CURRENT, IN_SPEED_LOOP

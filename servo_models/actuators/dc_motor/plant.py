@@ -227,23 +227,13 @@ SPEED_PLANT = _plant(
 )
 
 
-TORQUE_WIRES = ("load_torque", "motor_torque", "friction", "load")
-BEHIND_GEARS = {
-    **dict.fromkeys(("rate", "load_rate", "load_acceleration"), -1.0),
-    **dict.fromkeys(("shaft_speed", "load_speed"), -1.0),
-    **dict.fromkeys(TORQUE_WIRES, 1.0),
-    "shaft_inertia": 2.0,
-}
-"""Power of the gear ratio with which the full scale of a wire goes."""
-OF_CURRENT = {"current_limit": 1.0, "resistance": -1.0}
-SIZES = {
-    **{name: {"gear_ratio": power} for name, power in BEHIND_GEARS.items()},
-    **{it: {"gear_ratio": 1.0, "torque_constant": 1.0, **OF_CURRENT} for it in TORQUE_WIRES},
-    **dict.fromkeys(("current", "current_command", "integral"), OF_CURRENT),
-}
-
-
 def geared(plant: Plant, ratio: float) -> Plant:
     """Return a plant with the full scales of an output behind a gearbox."""
-    wires = {name: plant.wire[name].scale * ratio**power for name, power in BEHIND_GEARS.items()}
+    exponents = {
+        **dict.fromkeys(("rate", "load_rate", "load_acceleration"), -1),
+        **dict.fromkeys(("shaft_speed", "load_speed"), -1),
+        **dict.fromkeys(("load_torque", "motor_torque", "friction", "load"), 1),
+        "shaft_inertia": 2,
+    }
+    wires = {name: plant.wire[name].scale * ratio**power for name, power in exponents.items()}
     return plant.rated(scales=wires)

@@ -17,8 +17,5 @@ ACTUATOR = Actuator(
     stop_time=1.0,
     step_size=1e-3,
     step=("reference", 0.01),
-    sizes={
-        wire: {"force_gain": 1.0, "drive_limit": 1.0} for wire in ("load_force", "friction", "load")
-    },
 )
 TORQUE = torque_causal(ACTUATOR)

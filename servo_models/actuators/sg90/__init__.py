@@ -21,6 +21,5 @@ ACTUATOR = Actuator(
     stop_time=20.0,
     step_size=0.02,
     step=("pulse_width", 2.0e-3),
-    sizes={wire: {"stall_torque": 1.0} for wire in ("load_torque", "friction", "load")},
 )
 TORQUE = torque_causal(ACTUATOR)

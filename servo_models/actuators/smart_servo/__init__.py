@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from servo_models.actuators.smart_servo.plant import PLANT, SIZES
+from servo_models.actuators.smart_servo.plant import PLANT
 from servo_models.actuators.smart_servo.variants import VARIANTS
 from servo_models.actuators.torque_causal import torque_causal
 from servo_models.core.plant import Actuator
@@ -17,6 +17,5 @@ ACTUATOR = Actuator(
     stop_time=1.0,
     step_size=5e-3,
     step=("goal", 0.5),
-    sizes=SIZES,
 )
 TORQUE = torque_causal(ACTUATOR)

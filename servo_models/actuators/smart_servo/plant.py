@@ -201,21 +201,14 @@ PLANT = Plant(
 )
 
 
-TORQUE_WIRES = ("load_torque", "friction", "load", "coasting_torque")
-SIZES = {
-    **{wire: {"torque_constant": 1.0, "resistance": -1.0} for wire in TORQUE_WIRES},
-    "current": {"resistance": -1.0},
-}
-
-
 def sts3215(volts: float, torque: float) -> Plant:
     """The plant with the supply [V] and the loads [N m] of an STS3215, which carries an arm."""
-    supplies = ("supply", "bridge_supply")
+    supplies, loads = ("supply", "bridge_supply"), ("load_torque", "friction", "load")
     return PLANT.rated(
         rests=dict.fromkeys(supplies, volts),
         scales={
             **dict.fromkeys((*supplies, "motor_voltage"), volts),
-            **dict.fromkeys(TORQUE_WIRES, torque),
+            **dict.fromkeys((*loads, "coasting_torque"), torque),
         },
     )
 

@@ -20,9 +20,5 @@ ACTUATOR = Actuator(
     step_size=1e-3,
     step=("voltage", 30.0),
     grey_box=GREY_BOX,
-    sizes={
-        wire: {"torque_constant": 1.0}
-        for wire in ("load_torque", "motor_torque", "friction", "load")
-    },
 )
 TORQUE = torque_causal(ACTUATOR)
