@@ -195,6 +195,7 @@ def _local(problem: Problem, start: Array, widths: Array | None) -> tuple[float,
     """Cost, vector and success of one least-squares search."""
     vector, met, _ = descend(problem, start, TOLERANCE, LIMIT, widths)
     vector, ended, _ = along_valley(problem, vector, widths)
+    vector = as_believed(problem, vector)
     errors = problem.latest(vector)
     return 0.5 * float(errors @ errors), vector, met or ended
 
@@ -259,9 +260,6 @@ def along_valley(
         widths: over which slopes are taken [scales], shape (p,); None for small ones.
     """
     slopes = problem.jacobian(vector, widths)
-    along = symmetries(problem, vector)
-    if along.size and (settled := _as_believed(problem, vector, along)) is not None:
-        vector, slopes = settled, problem.jacobian(settled, widths)
     for _ in range(VALLEY_STEPS):
         further, worth = _whole_step(problem, vector, slopes)
         if further is None:
@@ -270,9 +268,14 @@ def along_valley(
     return vector, False, slopes
 
 
-def _as_believed(problem: Problem, vector: Array, along: Array) -> Array | None:
-    """A vector moved by factors with the exponents ``along``, of which the data see nothing, to
-    where the priors want it; None where that is here."""
+def as_believed(problem: Problem, vector: Array) -> Array:
+    """Return a vector moved by factors of which the data see nothing to where priors want it.
+
+    It is for where a search has ended: one that is under way would end elsewhere.
+    """
+    along = symmetries(problem, vector)
+    if not along.size:
+        return vector
     (low, high), priors = problem.bounds, np.array([free.prior or np.inf for free in problem.free])
     weights, best = problem.scales / priors, vector
 
@@ -291,7 +294,7 @@ def _as_believed(problem: Problem, vector: Array, along: Array) -> Array | None:
         if cost(best) - cost(further) <= ROUNDING * cost(best):
             break
         best = further
-    return best if problem.costs([best])[0] < problem.costs([vector])[0] else None
+    return best if problem.costs([best])[0] < problem.costs([vector])[0] else vector
 
 
 def _whole_step(problem: Problem, vector: Array, slopes: Array) -> tuple[Array | None, bool]:

@@ -11,7 +11,7 @@ import pytest
 from servo_models.catalogue import model
 from servo_models.core.types import Array
 from servo_models.identification.linear_inference import symmetries
-from servo_models.identification.optimise import along_valley, descend
+from servo_models.identification.optimise import along_valley, as_believed, descend
 from servo_models.identification.problem import Problem, free_parameter
 from tests.support.logs import changed, measured
 
@@ -150,7 +150,7 @@ def test_a_fit_to_codes_ends_where_priors_say(by: tuple[float, float]) -> None:
     names = [free.name for free in asked.free]
     ways = np.array([[it.get(name, 0) for name in names] for it in (MOTION, DUTY)])
     begin = asked.start * np.exp(np.array(by) @ ways)
-    vector, _, _ = along_valley(asked, begin)
+    vector = as_believed(asked, along_valley(asked, begin)[0])
     n = asked.samples
     assert np.allclose(asked.residuals(vector)[:n], asked.residuals(begin)[:n], atol=1e-9)
     # what was believed is true, and lies on these ways

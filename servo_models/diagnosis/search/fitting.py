@@ -35,7 +35,7 @@ from servo_models.identification.linear_inference import (
     linearised,
     spread,
 )
-from servo_models.identification.optimise import along_valley, descend, steps
+from servo_models.identification.optimise import along_valley, as_believed, descend, steps
 from servo_models.identification.problem import (
     DIFFERENCE,
     Free,
@@ -545,14 +545,17 @@ class Fitter:
         ended = self._descend(model.problem, model.evidence.vector, *limits)
         return self._judged(model.effects, model.problem, *ended)
 
-    def finish(self, model: FittedModel) -> FittedModel:
-        """Fit to the end: what the logs leave open goes back to its prior."""
+    def finish(self, model: FittedModel, told: bool = False) -> FittedModel:
+        """Fit to the end: what the logs leave open goes back to its prior, and where values are
+        ``told``, what they know only as a product as well."""
         problem, begin = model.problem, model.evidence.vector
         if not problem.free:
             return model
         vector, met, _ = self._descend(problem, begin, FINAL_TOLERANCE, FINAL_STEPS)
         vector, ended, slopes = along_valley(problem, vector, self.widths(problem))
-        return self._judged(model.effects, problem, vector, met or ended, slopes)
+        settled = as_believed(problem, vector) if told else vector
+        there = slopes if settled is vector else None
+        return self._judged(model.effects, problem, settled, met or ended, there)
 
     def refit_at_model_step(self, model: FittedModel, fit: bool = True) -> FittedModel:
         """Fit to the end with the model's own internal step, so that no value or error that is told
@@ -560,7 +563,7 @@ class Fitter:
         at_model_step = replace(model, problem=replace(model.problem, steps=None))
         plain, vector = replace(self, steps=None), model.evidence.vector
         if fit:
-            ended = plain.finish(at_model_step)
+            ended = plain.finish(at_model_step, told=True)
         else:
             ended = plain._judged(model.effects, at_model_step.problem, vector, model.converged)
         return replace(ended, searched=model.problem)
